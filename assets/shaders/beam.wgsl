@@ -1,0 +1,133 @@
+// One beam for each tile of 8 x 8 rays: walks the pyramid until the surface might touch any of the tile's
+// rays, and says how far all of them may go blindly.
+//
+// At t the rays of a tile lie within `ray of the tile's middle +- beam(t)`, a box that grows linearly. A step
+// takes the 2 x 2 nodes around that box; while the lowest ray stays above the highest of them the beam
+// moves on to where the box first leaves them. It stops, always on the near side, where the nodes have become
+// as small as the beam is wide.
+//
+// In:  `box_entry`, one texel a tile. Out: `tile_start`, t and level; t < 0 where no ray of the tile can hit.
+
+#import bevy_skyline::boxes::BOX_COUNT
+#import bevy_skyline::height_field::{level_size, node_range, view}
+#import bevy_skyline::rays::{Ray, height_guard, height_of, ray_at}
+#import bevy_skyline::types::{FLAG_NO_BEAM, FLAG_STARTS_IN_AIR, T_NEVER}
+
+struct TileStart {
+    t: f32,
+    level: u32,
+};
+
+@group(1) @binding(0) var<storage, read_write> tile_start: array<TileStart>;
+@group(1) @binding(1) var box_entry: texture_2d<f32>;
+@group(1) @binding(2) var<storage, read> box_counts: array<u32>;
+
+const MAX_STEPS: u32 = 256u;
+
+fn half_width(t: f32) -> vec3<f32> {
+    return 8.0 * (view.beam_a + view.beam_b * t) + view.beam_slack;
+}
+
+/// The smallest level at which 2 x 2 nodes can hold a box of this half width.
+fn level_for(half: vec3<f32>) -> u32 {
+    let across = 2.0 * max(half.x, half.z);
+    return u32(clamp(floor(log2(max(across, 0.5))) + 1.0, 1.0, f32(view.levels)));
+}
+
+@compute @workgroup_size(8, 8, 1)
+fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
+    let tiles = (view.size_px + 7u) / 8u;
+    if any(id.xy >= tiles) {
+        return;
+    }
+    let index = id.y * tiles.x + id.x;
+    if (view.flags & FLAG_STARTS_IN_AIR) == 0u {
+        tile_start[index] = TileStart(0.0, view.levels);
+        return;
+    }
+    var t = 0.0;
+    if box_counts[BOX_COUNT] <= view.box_capacity {
+        t = textureLoad(box_entry, id.xy, 0).x;
+        if t < 0.0 {
+            tile_start[index] = TileStart(-1.0, 0u);
+            return;
+        }
+    }
+    let ray = ray_at(8.0 * (vec2<f32>(id.xy) + 0.5));
+    var k = view.levels;
+    if (view.flags & FLAG_NO_BEAM) != 0u {
+        tile_start[index] = TileStart(t, k);
+        return;
+    }
+    k = level_for(half_width(t));
+    k = min(k + 2u, view.levels);
+    let spread = 8.0 * view.beam_b;
+    for (var step = 0u; step < MAX_STEPS; step++) {
+        let half = half_width(t);
+        let smallest = level_for(half);
+        k = max(k, smallest);
+        let middle = ray.origin.xz + t * ray.direction.xz + vec2<f32>(view.anchor);
+        let unit = f32(1u << k);
+        let a = vec2<i32>(floor((middle - half.xz) / unit));
+        let b = vec2<i32>(floor((middle + half.xz) / unit));
+        if any(b > a + 1) {
+            if k >= view.levels { break; }
+            k += 1u;
+            continue;
+        }
+        // When does the growing box leave the nodes a..b ?
+        let front = ray.direction.xz + spread.xz;
+        let back = ray.direction.xz - spread.xz;
+        let to_high = vec2<f32>(b + 1) * unit - (middle + half.xz);
+        let to_low = vec2<f32>(a) * unit - (middle - half.xz);
+        let high_t = select(vec2(T_NEVER), max(to_high, vec2(0.0)) / max(front, vec2(1e-12)), front > vec2(1e-12));
+        let low_t = select(vec2(T_NEVER), min(to_low, vec2(0.0)) / min(back, vec2(-1e-12)), back < vec2(-1e-12));
+        let t_leave = min(t + min(min(high_t.x, high_t.y), min(low_t.x, low_t.y)), T_NEVER);
+        // Highest of the nodes; those beside the footprint hold nothing.
+        let size = level_size(k);
+        let outside = any(b < vec2(0)) || any(a >= size);
+        var highest = -T_NEVER;
+        if !outside {
+            let low = clamp(a, vec2(0), size - 1);
+            let high = clamp(b, vec2(0), size - 1);
+            highest = max(
+                max(node_range(k, low).x, node_range(k, vec2(high.x, low.y)).x),
+                max(node_range(k, vec2(low.x, high.y)).x, node_range(k, high).x),
+            );
+        }
+        let t_end = min(t_leave, view.t_far);
+        let lowest = min(
+            height_of(ray, t) - half.y,
+            height_of(ray, t_end) - half_width(t_end).y,
+        );
+        if outside || lowest > highest + height_guard(ray, t_end) {
+            if t_leave >= view.t_far {
+                t = -1.0;
+                break;
+            }
+            // Over the whole terrain and not coming down, or past it for good.
+            let rising = ray.direction.y >= spread.y;
+            if rising && height_of(ray, t_leave) - half_width(t_leave).y > view.y_max + height_guard(ray, t_leave) {
+                t = -1.0;
+                break;
+            }
+            let gone = select(
+                middle - half.xz > vec2<f32>(view.cells) & (back >= vec2(0.0)),
+                middle + half.xz < vec2(0.0) & (front <= vec2(0.0)),
+                ray.direction.xz < vec2(0.0),
+            );
+            if outside && any(gone) {
+                t = -1.0;
+                break;
+            }
+            // A little further than the border, so that the next nodes are others.
+            t = t_leave + 1e-6 * abs(t_leave);
+            k = min(k + 1u, view.levels);
+        } else {
+            if k <= smallest { break; }
+            k -= 1u;
+        }
+    }
+    // Back before the last little step.
+    tile_start[index] = TileStart(select(t - 4e-6 * t, t, t < 0.0), max(k, 1u));
+}

@@ -1,0 +1,103 @@
+// One ray per pixel, from the safe start its traversal knows to the surface or to the depth already drawn.
+//
+// In:  `tile_start` (t and level a tile of rays may start at), `box_entry` (t of the nearest box, negative
+//      for none), `drawn_depth` (NDC depth of the meshes drawn so far).
+// Out: `hit_depth`, R32Float, NDC depth, 0 = no terrain; `hit_surface`, R32Uint, low 8 bits the terrain's
+//      index from 1, the rest the nodes and cells read.
+// P1 section 3; for the maximum mipmap Tevs, Ihrke and Seidel 2008.
+
+#import bevy_skyline::types::{
+    FLAG_DEPTH_DRAWN, FLAG_FIRST, FLAG_STARTS_IN_AIR, T_NEVER,
+    TRAVERSAL_BOXES, TRAVERSAL_HYBRID, TRAVERSAL_MAX_MIP, TRAVERSAL_PER_TEXEL, UNIT_ROUNDOFF,
+}
+#import bevy_skyline::height_field::{view, cell_corners}
+#import bevy_skyline::rays::{above_cell, cell_at, footprint_t, ndc_depth, ray_at, t_of_depth}
+#import bevy_skyline::boxes::BOX_COUNT
+#import bevy_skyline::traverse::{Levels, cast_ray, emerge, pixel_level}
+
+struct TileStart {
+    /// No ray of the tile meets the surface before this t; negative if none does at all.
+    t: f32,
+    /// Level of the nodes that stopped the beam.
+    level: u32,
+};
+
+@group(1) @binding(0) var hit_depth: texture_storage_2d<r32float, read_write>;
+@group(1) @binding(1) var hit_surface: texture_storage_2d<r32uint, read_write>;
+@group(1) @binding(2) var<storage, read> tile_start: array<TileStart>;
+@group(1) @binding(3) var box_entry: texture_2d<f32>;
+@group(1) @binding(4) var<storage, read> box_counts: array<u32>;
+#ifdef STOP_AT_DEPTH
+@group(1) @binding(5) var drawn_depth: texture_depth_2d;
+#endif
+
+@compute @workgroup_size(8, 8, 1)
+fn ray_cast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) tile: vec3<u32>) {
+    if any(id.xy >= view.size_px) {
+        return;
+    }
+    let first = (view.flags & FLAG_FIRST) != 0u;
+    var depth = 0.0;
+    var surface = 0u;
+    if !first {
+        depth = textureLoad(hit_depth, id.xy).x;
+        surface = textureLoad(hit_surface, id.xy).x;
+    }
+    var nearest = depth;
+#ifdef STOP_AT_DEPTH
+    nearest = max(nearest, textureLoad(drawn_depth, id.xy, 0));
+#endif
+    let t_stop = min(view.t_far, t_of_depth(nearest));
+
+    let ray = ray_at(vec2<f32>(id.xy) + 0.5);
+    let t_footprint = footprint_t(ray);
+    var t_start = max(t_footprint, 0.0);
+    var levels = Levels(0u, 0u, false);
+    var starts = t_footprint < t_stop;
+    if view.traversal == TRAVERSAL_HYBRID {
+        let tiles_x = (view.size_px.x + 7u) / 8u;
+        let start = tile_start[tile.y * tiles_x + tile.x];
+        starts = starts && start.t >= 0.0;
+        levels = Levels(start.level, view.levels, false);
+        t_start = max(t_start, start.t);
+    } else if view.traversal == TRAVERSAL_MAX_MIP {
+        levels = Levels(view.levels, view.levels, false);
+    } else if view.traversal == TRAVERSAL_BOXES && (view.flags & FLAG_STARTS_IN_AIR) != 0u && box_counts[BOX_COUNT] <= view.box_capacity {
+        let entry = textureLoad(box_entry, id.xy, 0).x;
+        starts = starts && entry >= 0.0;
+        t_start = max(t_start, entry);
+        if view.lod_a + view.lod_b * t_start > 0.0 {
+            let level = pixel_level(t_start);
+            levels = Levels(level, level, true);
+        }
+    }
+
+    var hit_t = T_NEVER;
+    var reads = surface >> 8u;
+    surface &= 0xffu;
+    if starts && t_start < t_stop {
+        var inside = false;
+        if (view.flags & FLAG_STARTS_IN_AIR) == 0u && t_footprint < 0.0 {
+            let cell = cell_at(ray, 0.0);
+            reads += 1u;
+            inside = above_cell(ray, cell, cell_corners(cell)).c <= 0.0;
+        }
+        if inside {
+            let air = emerge(ray, t_stop);
+            reads += air.reads;
+            hit_t = air.falls_t;
+            t_start = air.t;
+        }
+        if hit_t == T_NEVER && t_start < t_stop {
+            let hit = cast_ray(ray, t_start, t_stop, levels);
+            hit_t = hit.t;
+            reads += hit.reads;
+        }
+    }
+    if hit_t < t_stop {
+        depth = ndc_depth(hit_t);
+        surface = view.terrain_id;
+    }
+    textureStore(hit_depth, id.xy, vec4(depth, 0.0, 0.0, 0.0));
+    textureStore(hit_surface, id.xy, vec4(surface | (min(reads, 0xffffffu) << 8u), 0u, 0u, 0u));
+}

@@ -1,0 +1,172 @@
+// Rays through the grid, and where they meet the surface.
+//
+// Every traversal visits cells in the same order and asks each of them the same question with the same
+// numbers, so that all of them give the same picture, bit for bit. The order is fixed by `border_t`, the t
+// of a cell border as `f32` arithmetic gives it: all traversals compare those values and nothing else.
+#define_import_path bevy_skyline::rays
+
+#import bevy_skyline::types::{T_NEVER, UNIT_ROUNDOFF}
+#import bevy_skyline::height_field::view
+
+struct Ray {
+    origin: vec3<f32>,
+    direction: vec3<f32>,
+    /// 1 / direction along x and z; 0 where the ray doesn't move.
+    inverse: vec2<f32>,
+    /// Whether the ray moves along x and z at all.
+    moves: vec2<bool>,
+    /// 1 where it moves toward larger x and z, else 0.
+    ahead: vec2<i32>,
+};
+
+/// The ray through a point of the viewport, in pixels from its top left corner.
+fn ray_at(pixel: vec2<f32>) -> Ray {
+    let q = pixel - 0.5 * vec2<f32>(view.size_px);
+    var ray: Ray;
+    ray.origin = view.origin + q.x * view.origin_dx + q.y * view.origin_dy;
+    ray.direction = view.direction + q.x * view.direction_dx + q.y * view.direction_dy;
+    let d = ray.direction.xz;
+    ray.moves = abs(d) > vec2(1e-15);
+    ray.inverse = 1.0 / select(vec2(1.0), d, ray.moves);
+    ray.ahead = select(vec2(0), vec2(1), d >= vec2(0.0));
+    return ray;
+}
+
+fn height_of(ray: Ray, t: f32) -> f32 {
+    return ray.origin.y + t * ray.direction.y;
+}
+
+/// When the ray meets the grid lines x = at.x and z = at.y (whole cells).
+fn border_t(ray: Ray, at: vec2<i32>) -> vec2<f32> {
+    let t = (vec2<f32>(at - view.anchor) - ray.origin.xz) * ray.inverse;
+    return select(vec2(T_NEVER), min(t, vec2(T_NEVER)), ray.moves);
+}
+
+/// When the ray comes into the footprint, by the border it enters last; negative if it starts within.
+/// `T_NEVER` if it passes by.
+fn footprint_t(ray: Ray) -> f32 {
+    let enter = select(border_t(ray, select(view.cells, vec2(0), ray.ahead == vec2(1))), vec2(-1.0), !ray.moves);
+    let leave = border_t(ray, select(vec2(0), view.cells, ray.ahead == vec2(1)));
+    let start = ray.origin.xz + vec2<f32>(view.anchor);
+    let beside = any(!ray.moves & ((start < vec2(0.0)) | (start > vec2<f32>(view.cells))));
+    let t = max(enter.x, enter.y);
+    return select(t, T_NEVER, beside || t > min(leave.x, leave.y) || min(leave.x, leave.y) < 0.0);
+}
+
+/// The cell at t along one axis: the one that was entered at or before t and is left after t.
+fn cell_at(ray: Ray, t: f32) -> vec2<i32> {
+    let guess = vec2<i32>(floor(ray.origin.xz + t * ray.direction.xz)) + view.anchor;
+    var cell = clamp(guess, vec2(0), view.cells - 1);
+    let entered = border_t(ray, cell + 1 - ray.ahead);
+    let left = border_t(ray, cell + ray.ahead);
+    let way = 2 * ray.ahead - 1;
+    cell += select(vec2(0), way, ray.moves & (left <= vec2(t)));
+    cell -= select(vec2(0), way, ray.moves & (entered > vec2(t)));
+    return clamp(cell, vec2(0), view.cells - 1);
+}
+
+/// The cell after the ray has left, at time `t`, the node of level `k` that holds `cell`, where `leave`
+/// are the times of the node's far borders. Ties cross x first, as stepping cell by cell does.
+fn next_cell(ray: Ray, cell: vec2<i32>, k: u32, leave: vec2<f32>) -> vec2<i32> {
+    let node = cell >> vec2(k);
+    let low = node << vec2(k);
+    let high = low + vec2(i32(1u << k) - 1);
+    let way = 2 * ray.ahead - 1;
+    let crosses_x = leave.x <= leave.y;
+    if crosses_x {
+        var z = cell.y;
+        if k > 0u && ray.moves.y {
+            let t = leave.x;
+            z = clamp(i32(floor(ray.origin.z + t * ray.direction.z)) + view.anchor.y, low.y, high.y);
+            let entered = border_t(ray, vec2(0, z + 1 - ray.ahead.y)).y;
+            let left = border_t(ray, vec2(0, z + ray.ahead.y)).y;
+            z = clamp(z + select(0, way.y, left < t) - select(0, way.y, entered >= t), low.y, high.y);
+        }
+        return vec2(select(low.x - 1, high.x + 1, ray.ahead.x == 1), z);
+    }
+    var x = cell.x;
+    if k > 0u && ray.moves.x {
+        let t = leave.y;
+        x = clamp(i32(floor(ray.origin.x + t * ray.direction.x)) + view.anchor.x, low.x, high.x);
+        let entered = border_t(ray, vec2(x + 1 - ray.ahead.x, 0)).x;
+        let left = border_t(ray, vec2(x + ray.ahead.x, 0)).x;
+        x = clamp(x + select(0, way.x, left <= t) - select(0, way.x, entered > t), low.x, high.x);
+    }
+    return vec2(x, select(low.y - 1, high.y + 1, ray.ahead.y == 1));
+}
+
+/// Height of a ray above one cell's bilinear patch as a polynomial of s = t - t_in.
+struct Above {
+    t_in: f32,
+    s_max: f32,
+    /// c + b s + a s^2
+    c: f32,
+    b: f32,
+    a: f32,
+};
+
+/// `corners` as `cell_corners` gives them. Depends on the ray and the cell alone, never on how the
+/// traversal came here.
+fn above_cell(ray: Ray, cell: vec2<i32>, corners: vec4<f32>) -> Above {
+    let entered = select(vec2(0.0), border_t(ray, cell + 1 - ray.ahead), ray.moves);
+    let left = border_t(ray, cell + ray.ahead);
+    let t_in = max(max(entered.x, entered.y), 0.0);
+    let at = clamp(ray.origin.xz + t_in * ray.direction.xz - vec2<f32>(cell - view.anchor), vec2(0.0), vec2(1.0));
+    let d = ray.direction;
+    // h = h00 + p u + q v + r u v
+    let p = corners.y - corners.x;
+    let q = corners.z - corners.x;
+    let r = (corners.w - corners.z) - p;
+    var above: Above;
+    above.t_in = t_in;
+    above.s_max = max(min(left.x, left.y) - t_in, 0.0);
+    above.c = (ray.origin.y - corners.x) + t_in * d.y - (p * at.x + q * at.y + r * at.x * at.y);
+    above.b = d.y - p * d.x - q * d.z - r * (at.x * d.z + at.y * d.x);
+    above.a = -r * d.x * d.z;
+    return above;
+}
+
+/// First s >= 0 at which c + b s + a s^2, positive at 0, comes down to zero; `T_NEVER` if it does not.
+/// Both forms add terms of one sign, so nothing cancels, and a = 0 needs no case of its own.
+fn first_fall(c: f32, b: f32, a: f32) -> f32 {
+    let discriminant = b * b - 4.0 * a * c;
+    if discriminant < 0.0 {
+        return T_NEVER;
+    }
+    let root = sqrt(discriminant);
+    if b < -1e-30 {
+        return 2.0 * c / (root - b);
+    }
+    if a < -1e-30 {
+        return (b + root) / (-2.0 * a);
+    }
+    return T_NEVER;
+}
+
+/// First s >= 0 at which c + b s + a s^2, not positive at 0, comes up through zero; `T_NEVER` if not.
+fn first_rise(c: f32, b: f32, a: f32) -> f32 {
+    return first_fall(-c, -b, -a);
+}
+
+/// NDC depth at t. 0 is infinitely far.
+fn ndc_depth(t: f32) -> f32 {
+    return (view.depth.x + view.depth.y * t) / (view.depth.z + view.depth.w * t);
+}
+
+/// t of an NDC depth, the inverse of `ndc_depth`; `T_NEVER` for what lies infinitely far.
+fn t_of_depth(depth: f32) -> f32 {
+    let below = view.depth.y - depth * view.depth.w;
+    let above = depth * view.depth.z - view.depth.x;
+    if abs(below) * T_NEVER <= abs(above) || depth <= 0.0 {
+        return T_NEVER;
+    }
+    return above / below;
+}
+
+/// How far above a node's highest sample a ray must pass for the node to be left out: what rounding can
+/// hide between this test and the cells' own. Each height is a sum of three products (4 roundings), the
+/// borders add 3 roundings of t, the cell's polynomial 8 of its terms, none larger than `y_magnitude` or
+/// the ray's own height; 32 covers their sum.
+fn height_guard(ray: Ray, t: f32) -> f32 {
+    return 32.0 * UNIT_ROUNDOFF * (view.y_magnitude + abs(ray.origin.y) + abs(t * ray.direction.y));
+}
