@@ -1,1 +1,2 @@
-//! stub
+//! Terrain.
+pub mod terrain;

@@ -1,1 +1,2 @@
-#[test] fn t(){}
+#[path = "it/height_field.rs"]
+mod height_field;
