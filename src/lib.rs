@@ -1,2 +1,54 @@
-//! Terrain.
+//! Bevy plugins that hold a steady frame time in scenes with a large terrain, a city on it and complex models
+//! in it.
+//!
+//! ```no_run
+//! use bevy::prelude::*;
+//! use bevy_skyline::prelude::*;
+//!
+//! fn main() -> AppExit {
+//!     App::new()
+//!         .add_plugins((DefaultPlugins, SkylinePlugins))
+//!         .add_systems(Startup, |mut commands: Commands, assets: Res<AssetServer>| {
+//!             commands.spawn((Camera3d::default(), Transform::from_xyz(0.0, 2000.0, 0.0)));
+//!             commands.spawn(Terrain::new(assets.load("alps.png")));
+//!         })
+//!         .run()
+//! }
+//! ```
+//!
+//! # The house
+//! | Where | What |
+//! |---|---|
+//! | [`plugin`] | the plugins: what runs, when and why |
+//! | [`effects`] | [`Effects`](effects::Effects): what the scene calls for and what it costs |
+//! | [`terrain`] | the height field, its component, its loaders and its CPU queries |
+//! | [`systems`] | main-world systems |
+//! | [`render_graph`] | the passes and their order |
+//! | [`reference`] | `f64` twins that GPU results are compared with |
+//! | `assets/shaders/` | one WGSL file a pass; `types.wgsl` first |
+//!
+//! # The papers
+//! P1 *Subdivided-bounding-box terrain ray casting* (GPU quadtree); P2 occlusion culling with the Z-buffer and
+//! simplified models; P3 rendering by spherical-coordinate representation; P4 region-based contribution culling
+//! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
+//! maps (P5b). Docs cite them by these numbers. This version has P1.
+
+pub mod effects;
+#[cfg(feature = "cli")]
+pub mod offline;
+pub mod plugin;
+pub mod reference;
+pub mod render_graph;
+pub mod systems;
 pub mod terrain;
+
+/// What an app usually needs.
+pub mod prelude {
+    pub use crate::{
+        effects::{Activity, Effect, EffectState, Effects},
+        plugin::{EffectsPlugin, SkylinePlugins, TerrainPlugin},
+        terrain::{
+            HeightField, Terrain, TerrainColour, TerrainLook, TerrainRayCasting, Traversal,
+        },
+    };
+}

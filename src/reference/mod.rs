@@ -1,4 +1,3 @@
 //! `f64` twins of what runs on the GPU: slow, plain, and what every GPU result is compared with.
 //! No Bevy render types here.
 
-pub mod ray_cast;

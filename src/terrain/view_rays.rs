@@ -9,6 +9,8 @@ use bevy::math::{
     DAffine3, DMat4, DVec2, DVec3, IVec2, IVec3, Mat4, UVec2, Vec2, Vec3, Vec4, Vec4Swizzles,
 };
 
+use super::HeightField;
+
 /// What [`ViewRays::new`] needs to know of camera and terrain.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewInputs {
@@ -331,8 +333,80 @@ impl ViewRays {
         f64::from(self.t_base) + (ndc * d.z - d.x) / (d.y - ndc * d.w)
     }
 
+    /// Whether any part of the terrain, walls included, can lie in the view. Errs toward `true`.
+    pub fn sees_terrain(&self) -> bool {
+        let low = (-self.anchor).as_vec2();
+        let high = (self.cells - self.anchor).as_vec2();
+        // Walls go down without end where rays can come in from outside.
+        let floor = if self.enters { -1e12 } else { self.y_min };
+        self.frustum[..5].iter().all(|plane| {
+            let pick = |n: f32, a: f32, b: f32| if n >= 0.0 { b } else { a };
+            let at = Vec3::new(
+                pick(plane.x, low.x, high.x),
+                pick(plane.y, floor, self.y_max),
+                pick(plane.z, low.y, high.y),
+            );
+            let terms = plane.xyz() * at;
+            let slack = 1e-5 * (terms.abs().element_sum() + plane.w.abs());
+            terms.element_sum() + plane.w >= -slack
+        })
+    }
+
     /// Whole cell and height that positions are relative to.
     pub fn anchor(&self) -> IVec3 {
         IVec3::new(self.anchor.x, self.anchor_y as i32, self.anchor.y)
     }
+}
+
+/// Whether a box of ray starts (as [`near_plane_bounds`] gives it) lies wholly above the surface or beside
+/// the footprint. Errs toward `false`, which only costs time.
+///
+/// The cost does not depend on the field's size: a small box is compared with the surface itself, a large one
+/// with the pyramid.
+pub fn starts_in_air(field: &HeightField, (low, high): (DVec3, DVec3)) -> bool {
+    // Jitter moves rays by up to a pixel; the box is widened by its own size to be safe.
+    let slack = (high - low) * 0.5 + 1e-9 * (low.abs() + high.abs());
+    let (low, high) = (low - slack, high + slack);
+    let cells = field.cells().as_dvec2();
+    if high.x < 0.0 || high.z < 0.0 || low.x > cells.x || low.z > cells.y {
+        return true;
+    }
+    let first = DVec2::new(low.x, low.z).clamp(DVec2::ZERO, cells);
+    let last = DVec2::new(high.x, high.z).clamp(DVec2::ZERO, cells);
+    low.y > highest_over(field, first, last)
+}
+
+/// Highest point of the surface over a rectangle within the footprint, or a bound of it. units: grid
+fn highest_over(field: &HeightField, first: DVec2, last: DVec2) -> f64 {
+    let cell_of = |at: DVec2| at.floor().as_uvec2().min(field.cells() - 1);
+    let (a, b) = (cell_of(first), cell_of(last));
+    let mut highest = f64::NEG_INFINITY;
+    let across = (b - a).max_element() + 1;
+    if across <= 8 {
+        // A bilinear patch is highest at a corner of whatever rectangle it is cut down to.
+        for j in a.y..=b.y {
+            for i in a.x..=b.x {
+                let cell = DVec2::new(f64::from(i), f64::from(j));
+                let u = (first - cell).clamp(DVec2::ZERO, DVec2::ONE);
+                let v = (last - cell).clamp(DVec2::ZERO, DVec2::ONE);
+                for at in [u, DVec2::new(v.x, u.y), DVec2::new(u.x, v.y), v] {
+                    let edge = |row: u32| {
+                        let (p, q) = (field.grid_height(i, j + row), field.grid_height(i + 1, j + row));
+                        p + (q - p) * at.x
+                    };
+                    let (near, far) = (edge(0), edge(1));
+                    highest = highest.max(near + (far - near) * at.y);
+                }
+            }
+        }
+        return highest;
+    }
+    let pyramid = field.pyramid();
+    let k = across.ilog2().clamp(1, pyramid.levels());
+    for j in (a.y >> k)..=(b.y >> k) {
+        for i in (a.x >> k)..=(b.x >> k) {
+            highest = highest.max(pyramid.get(k, i, j).0);
+        }
+    }
+    highest
 }

@@ -1,0 +1,114 @@
+//! Which effects a scene calls for, what they are doing, and why: in words a user can read.
+
+use bevy::{platform::collections::HashMap, prelude::*};
+
+/// Every effect of the suite and the state it is in, updated each frame after rendering was set up.
+///
+/// ```
+/// # use bevy::prelude::*;
+/// # use bevy_skyline::prelude::*;
+/// fn report(effects: Res<Effects>) {
+///     info!("{}", effects.terrain());
+/// }
+/// ```
+#[derive(Resource, Reflect, Clone, Debug, Default)]
+#[reflect(Resource, Default, Clone, Debug)]
+pub struct Effects {
+    states: HashMap<Effect, EffectState>,
+}
+
+/// The effects of the suite that this version has.
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[reflect(Clone, Debug, PartialEq, Hash)]
+pub enum Effect {
+    /// Terrain ray casting (P1).
+    Terrain,
+}
+
+/// What an effect is doing.
+#[derive(Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Default, Clone, Debug, PartialEq)]
+pub enum EffectState {
+    /// It cannot run here, and why.
+    Unsupported(String),
+    /// Nothing in the scene asks for it: no GPU memory, no pipeline, no pass, no work per entity.
+    #[default]
+    Dormant,
+    /// Asked for, with nothing to do this frame, and why.
+    Idle(String),
+    /// At work.
+    Active(Activity),
+}
+
+/// What an effect at work has done.
+#[derive(Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Default, Clone, Debug, PartialEq)]
+pub struct Activity {
+    /// What ran, in words; warnings included.
+    pub what: String,
+    /// Time spent on the CPU. units: ms
+    pub cpu_ms: f32,
+    /// Time spent on the GPU, where it is measured (`RenderDiagnosticsPlugin`, on Vulkan and DirectX 12).
+    /// units: ms
+    pub gpu_ms: Option<f32>,
+    /// GPU memory held. units: bytes
+    pub bytes: u64,
+}
+
+impl Effects {
+    /// State of an effect; dormant if its plugin was not added.
+    pub fn state(&self, effect: Effect) -> &EffectState {
+        self.states.get(&effect).unwrap_or(&EffectState::Dormant)
+    }
+
+    /// State of terrain ray casting.
+    pub fn terrain(&self) -> &EffectState {
+        self.state(Effect::Terrain)
+    }
+
+    /// Every effect that has reported.
+    pub fn iter(&self) -> impl Iterator<Item = (Effect, &EffectState)> {
+        self.states.iter().map(|(effect, state)| (*effect, state))
+    }
+
+    pub(crate) fn entry(&mut self, effect: Effect) -> &mut EffectState {
+        self.states.entry(effect).or_default()
+    }
+}
+
+impl EffectState {
+    /// Makes this [`EffectState::Active`] and returns its activity, keeping the text's memory.
+    pub(crate) fn activity(&mut self) -> &mut Activity {
+        if !matches!(self, Self::Active(_)) {
+            *self = Self::Active(Activity::default());
+        }
+        match self {
+            Self::Active(activity) => activity,
+            _ => unreachable!("it was just made active"),
+        }
+    }
+
+    /// Makes this [`EffectState::Idle`] for a reason; does nothing if it already is for that reason.
+    pub(crate) fn idle(&mut self, why: &str) {
+        if !matches!(self, Self::Idle(reason) if reason == why) {
+            *self = Self::Idle(why.to_owned());
+        }
+    }
+}
+
+impl core::fmt::Display for EffectState {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Unsupported(why) => write!(f, "unsupported: {why}"),
+            Self::Dormant => f.write_str("dormant: nothing in the scene asks for it"),
+            Self::Idle(why) => write!(f, "idle: {why}"),
+            Self::Active(activity) => {
+                write!(f, "active: {}; CPU {:.2} ms", activity.what, activity.cpu_ms)?;
+                if let Some(gpu_ms) = activity.gpu_ms {
+                    write!(f, ", GPU {gpu_ms:.2} ms")?;
+                }
+                write!(f, ", {:.1} MB", activity.bytes as f64 / 1e6)
+            }
+        }
+    }
+}

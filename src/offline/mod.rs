@@ -1,0 +1,292 @@
+//! Bevy without a window, driven frame by frame: what the `skyline` command and the tests stand on.
+
+use std::time::Duration;
+
+use bevy::{
+    app::PluginsState,
+    asset::{RenderAssetUsages, UnapprovedPathMode},
+    camera::RenderTarget,
+    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    image::Image,
+    prelude::*,
+    render::{
+        RenderApp, RenderPlugin,
+        diagnostic::RenderDiagnosticsPlugin,
+        pipelined_rendering::PipelinedRenderingPlugin,
+        render_asset::RenderAssets,
+        render_resource::*,
+        renderer::{RenderAdapterInfo, RenderDevice, RenderQueue},
+        texture::GpuImage,
+    },
+    time::TimeUpdateStrategy,
+    window::{ExitCondition, WindowPlugin},
+};
+
+use crate::{plugin::SkylinePlugins, render_graph::view::TerrainViews};
+
+/// Time that passes from one frame to the next. units: s
+const FRAME_S: f64 = 1.0 / 60.0;
+
+/// Why something could not be rendered without a window.
+#[derive(thiserror::Error, Debug)]
+pub enum OfflineError {
+    /// No GPU or no driver.
+    #[error("no GPU device could be opened: install a Vulkan driver (on Debian: mesa-vulkan-drivers)")]
+    NoDevice,
+    /// The picture did not appear.
+    #[error("the picture was not finished after {0} frames; see the log for the pass that failed")]
+    NotFinished(u32),
+    /// The GPU gave back no data.
+    #[error("the GPU's memory could not be read back: {0}")]
+    ReadBack(String),
+    /// Terrain cannot be drawn here.
+    #[error("terrain cannot be drawn here: {0}")]
+    Unsupported(String),
+}
+
+/// What rays hit, pixel by pixel, row by row from the top left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HitImage {
+    /// Size in pixels.
+    pub size: UVec2,
+    /// NDC depth, reverse-Z; 0 where there is no terrain.
+    pub ndc_depth: Vec<f32>,
+    /// Low 8 bits: which terrain, from 1. Above: nodes and cells its rays read.
+    pub surface: Vec<u32>,
+}
+
+impl HitImage {
+    /// Nodes and cells read for each pixel.
+    pub fn reads(&self) -> impl Iterator<Item = u32> + '_ {
+        self.surface.iter().map(|surface| surface >> 8)
+    }
+
+    /// Mean of [`reads`](Self::reads).
+    pub fn mean_reads(&self) -> f64 {
+        self.reads().map(f64::from).sum::<f64>() / self.surface.len().max(1) as f64
+    }
+}
+
+/// The plugins of a headless app: everything Bevy renders with, no window, pipelines compiled before their
+/// first frame, steps taken by hand.
+pub fn headless_plugins() -> impl PluginGroup {
+    DefaultPlugins
+        .set(WindowPlugin {
+            primary_window: None,
+            exit_condition: ExitCondition::DontExit,
+            ..default()
+        })
+        .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
+        .set(AssetPlugin { unapproved_path_mode: UnapprovedPathMode::Allow, ..default() })
+        .disable_winit()
+        .disable::<PipelinedRenderingPlugin>()
+}
+
+trait DisableWinit {
+    fn disable_winit(self) -> bevy::app::PluginGroupBuilder;
+}
+
+impl<G: PluginGroup> DisableWinit for G {
+    #[cfg(feature = "window")]
+    fn disable_winit(self) -> bevy::app::PluginGroupBuilder {
+        self.build().disable::<bevy::winit::WinitPlugin>()
+    }
+
+    #[cfg(not(feature = "window"))]
+    fn disable_winit(self) -> bevy::app::PluginGroupBuilder {
+        self.build()
+    }
+}
+
+/// A headless app with [`SkylinePlugins`].
+pub struct Offline {
+    /// The app itself.
+    pub app: App,
+}
+
+impl Offline {
+    /// Opens a device and starts the app.
+    ///
+    /// # Errors
+    /// [`OfflineError::NoDevice`] where there is no GPU driver, not even a software one.
+    pub fn new() -> Result<Self, OfflineError> {
+        Self::with(|_| {})
+    }
+
+    /// The same, after `configure` has added what else the app needs.
+    pub fn with(configure: impl FnOnce(&mut App)) -> Result<Self, OfflineError> {
+        let mut app = App::new();
+        app.add_plugins((headless_plugins(), SkylinePlugins, RenderDiagnosticsPlugin))
+            .insert_resource(TimeUpdateStrategy::ManualDuration(Duration::from_secs_f64(FRAME_S)));
+        configure(&mut app);
+        while app.plugins_state() == PluginsState::Adding {
+            bevy::tasks::tick_global_task_pools_on_main_thread();
+        }
+        app.finish();
+        app.cleanup();
+        if app.world().get_resource::<RenderDevice>().is_none() {
+            return Err(OfflineError::NoDevice);
+        }
+        Ok(Self { app })
+    }
+
+    /// Name of the GPU.
+    pub fn adapter(&self) -> String {
+        self.app
+            .world()
+            .get_resource::<RenderAdapterInfo>()
+            .map_or_else(|| "none".into(), |info| info.name.clone())
+    }
+
+    /// An image cameras can draw to and that can be read back.
+    pub fn target(&mut self, size: UVec2) -> Handle<Image> {
+        let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        image.asset_usage = RenderAssetUsages::default();
+        self.app.world_mut().resource_mut::<Assets<Image>>().add(image)
+    }
+
+    /// Spawns a camera that draws to `target`.
+    pub fn camera(&mut self, target: &Handle<Image>, bundle: impl Bundle) -> Entity {
+        self.app
+            .world_mut()
+            .spawn((Camera3d::default(), RenderTarget::Image(target.clone().into()), bundle))
+            .id()
+    }
+
+    /// One frame, finished on the GPU when this returns.
+    pub fn step(&mut self) {
+        self.app.update();
+        if let Some(device) = self.app.world().get_resource::<RenderDevice>() {
+            // A lost device is Bevy's to report.
+            let _ = device.poll(PollType::wait_indefinitely());
+        }
+    }
+
+    /// Frames until `camera` has terrain drawn, at most `limit`.
+    ///
+    /// # Errors
+    /// [`OfflineError::NotFinished`], or [`OfflineError::Unsupported`] with the reason.
+    pub fn settle(&mut self, camera: Entity, limit: u32) -> Result<(), OfflineError> {
+        for _ in 0..limit {
+            self.step();
+            if self.views().is_some_and(|views| {
+                views.views.get(&camera).is_some_and(|view| {
+                    !view.drawn.is_empty()
+                        && view.slots.values().all(|slot| slot.bind_groups.is_some())
+                })
+            }) {
+                // Once more: the first frame found its pipelines only while it was being drawn.
+                self.step();
+                return Ok(());
+            }
+        }
+        let stats = self.app.world().resource::<crate::render_graph::stats::TerrainStats>().lock();
+        if let Some(reason) = stats.unsupported.clone().or_else(|| stats.refused.first().cloned()) {
+            return Err(OfflineError::Unsupported(reason));
+        }
+        Err(OfflineError::NotFinished(limit))
+    }
+
+    fn views(&self) -> Option<&TerrainViews> {
+        self.app.get_sub_app(RenderApp)?.world().get_resource::<TerrainViews>()
+    }
+
+    /// What the rays of the last frame hit; `None` if this camera holds no terrain.
+    ///
+    /// # Errors
+    /// [`OfflineError::ReadBack`].
+    pub fn hits(&self, camera: Entity) -> Result<Option<HitImage>, OfflineError> {
+        let Some(targets) =
+            self.views().and_then(|views| views.views.get(&camera)?.targets.as_ref())
+        else {
+            return Ok(None);
+        };
+        let depth = self.read_texture(&targets.depth, targets.size, 4)?;
+        let surface = self.read_texture(&targets.surface, targets.size, 4)?;
+        Ok(Some(HitImage {
+            size: targets.size,
+            ndc_depth: bytemuck::pod_collect_to_vec(&depth),
+            surface: bytemuck::pod_collect_to_vec(&surface),
+        }))
+    }
+
+    /// The colours last drawn to an image made by [`target`](Self::target).
+    ///
+    /// # Errors
+    /// [`OfflineError::ReadBack`].
+    pub fn picture(&self, target: &Handle<Image>) -> Result<image::RgbaImage, OfflineError> {
+        let gone = || OfflineError::ReadBack("the image is not on the GPU".into());
+        let gpu = self
+            .app
+            .get_sub_app(RenderApp)
+            .and_then(|render| render.world().get_resource::<RenderAssets<GpuImage>>()?.get(target))
+            .ok_or_else(gone)?;
+        let size = UVec2::new(
+            gpu.texture_descriptor.size.width,
+            gpu.texture_descriptor.size.height,
+        );
+        let bytes = self.read_texture(&gpu.texture, size, 4)?;
+        image::RgbaImage::from_raw(size.x, size.y, bytes).ok_or_else(gone)
+    }
+
+    /// Copies a texture back, rows from the top, without padding.
+    fn read_texture(
+        &self,
+        texture: &Texture,
+        size: UVec2,
+        texel_bytes: u32,
+    ) -> Result<Vec<u8>, OfflineError> {
+        let world = self.app.world();
+        let (Some(device), Some(queue)) =
+            (world.get_resource::<RenderDevice>(), world.get_resource::<RenderQueue>())
+        else {
+            return Err(OfflineError::NoDevice);
+        };
+        let row = size.x * texel_bytes;
+        let padded = row.next_multiple_of(256);
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some("skyline_read_back"),
+            size: u64::from(padded) * u64::from(size.y),
+            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = device.create_command_encoder(&default());
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(padded),
+                    rows_per_image: None,
+                },
+            },
+            Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
+        );
+        queue.submit([encoder.finish()]);
+        let (sender, receiver) = std::sync::mpsc::channel();
+        buffer.slice(..).map_async(MapMode::Read, move |result| {
+            let _ = sender.send(result);
+        });
+        device
+            .poll(PollType::wait_indefinitely())
+            .map_err(|error| OfflineError::ReadBack(error.to_string()))?;
+        match receiver.recv() {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => return Err(OfflineError::ReadBack(error.to_string())),
+            Err(error) => return Err(OfflineError::ReadBack(error.to_string())),
+        }
+        let bytes = buffer.slice(..).get_mapped_range();
+        Ok(bytes.chunks(padded as usize).flat_map(|line| &line[..row as usize]).copied().collect())
+    }
+
+    /// GPU time of each span in the last frame it was measured in. units: ms
+    pub fn gpu_ms(&self, span: &str) -> Option<f64> {
+        self.app
+            .world()
+            .get_resource::<DiagnosticsStore>()?
+            .get(&DiagnosticPath::new(format!("render/{span}/elapsed_gpu")))?
+            .value()
+    }
+}

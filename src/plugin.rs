@@ -1,0 +1,64 @@
+//! The plugins: what runs, when, and why. Each works alone; [`SkylinePlugins`] is all of them.
+//!
+//! | Plugin | Components | Main world | Render world |
+//! |---|---|---|---|
+//! | [`EffectsPlugin`] | – | the [`Effects`] resource | – |
+//! | [`TerrainPlugin`] | [`Terrain`](crate::terrain::Terrain), [`TerrainRayCasting`](crate::terrain::TerrainRayCasting) | `report_terrain` in `Last` | see [`render_graph`](crate::render_graph) |
+//!
+//! A feature whose component is nowhere in the scene costs its systems' empty queries and nothing else: no
+//! pipeline, no GPU memory, no pass.
+
+use bevy::{app::PluginGroupBuilder, prelude::*};
+
+use crate::{
+    effects::Effects,
+    render_graph::{self, stats::TerrainStats},
+    systems, terrain,
+};
+
+/// Every feature of the suite.
+///
+/// | Plugin | What it adds |
+/// |---|---|
+/// | [`EffectsPlugin`] | [`Effects`]: which effects the scene calls for, in words |
+/// | [`TerrainPlugin`] | ray-cast terrain |
+pub struct SkylinePlugins;
+
+impl PluginGroup for SkylinePlugins {
+    fn build(self) -> PluginGroupBuilder {
+        PluginGroupBuilder::start::<Self>().add(EffectsPlugin).add(TerrainPlugin)
+    }
+}
+
+/// The [`Effects`] resource. Added by every feature plugin that finds it missing.
+pub struct EffectsPlugin;
+
+impl Plugin for EffectsPlugin {
+    fn build(&self, app: &mut App) {
+        app.init_resource::<Effects>().register_type::<Effects>();
+    }
+}
+
+/// What reports to [`Effects`]; in `Last`, when the frame's scene is settled.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ReportSystems;
+
+/// Terrain ray cast through subdivided bounding boxes (P1).
+pub struct TerrainPlugin;
+
+impl Plugin for TerrainPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<EffectsPlugin>() {
+            app.add_plugins(EffectsPlugin);
+        }
+        terrain::register(app);
+        render_graph::embed_shaders(app);
+        app.init_resource::<TerrainStats>()
+            .init_resource::<systems::terrain::TerrainDiagnosticPaths>()
+            .add_systems(Last, systems::terrain::report_terrain.in_set(ReportSystems));
+    }
+
+    fn finish(&self, app: &mut App) {
+        render_graph::add_terrain_passes(app);
+    }
+}

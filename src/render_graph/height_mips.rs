@@ -1,0 +1,296 @@
+//! `height_mips`: the height fields on the GPU, and their pyramids of maxima and minima.
+//!
+//! A field is uploaded while a [`Terrain`](crate::terrain::Terrain) shows it and freed when none does. After
+//! an edit only the rectangle is uploaded and only the nodes above it are computed again.
+//!
+//! # Inputs / outputs
+//! Heights: one texture of W×H samples, `R16Uint` or `R32Float`. Pyramid: one storage buffer laid out as
+//! [`MinMaxPyramid`](crate::terrain::MinMaxPyramid), 4 or 8 bytes a node. For 16-bit input that is
+//! 2 + 4/3 bytes a sample, everything included.
+//!
+//! # Reference
+//! P1 section 3.1; Tevs, Ihrke and Seidel 2008.
+
+use bevy::{
+    asset::AssetId,
+    math::{URect, UVec2},
+    platform::collections::HashMap,
+    prelude::*,
+    render::{
+        diagnostic::RecordDiagnostics,
+        render_resource::*,
+        renderer::{RenderContext, RenderDevice, RenderQueue},
+    },
+};
+
+use super::{
+    pipelines::{PipelineId, PipelineKey, TerrainPipelines},
+    stats::TerrainStats,
+};
+use crate::terrain::{HeightField, HeightFieldChanged, HeightSamples};
+
+/// One level to compute. Mirrors `Level` in `height_mips.wgsl`.
+#[derive(ShaderType, Clone, Copy, Debug)]
+pub struct GpuMipLevel {
+    first: IVec2,
+    count: IVec2,
+    size_in: IVec2,
+    offset_in: u32,
+    offset_out: u32,
+    width_out: i32,
+    level: u32,
+}
+
+/// A height field on the GPU.
+pub struct GpuHeightField {
+    pub heights: TextureView,
+    pub pyramid: Buffer,
+    /// Samples.
+    pub size: UVec2,
+    pub float: bool,
+    /// Where each level starts; `level_offsets.len()` levels from level 1.
+    pub level_offsets: Vec<u32>,
+    texture: Texture,
+    revision: u64,
+    /// Samples uploaded whose nodes are still to be computed.
+    pending: Option<URect>,
+    /// The pyramid has been computed at least once.
+    pub ready: bool,
+    /// Distinguishes this upload's buffers from those of any other.
+    pub generation: u64,
+    bytes: u64,
+}
+
+/// All fields that some terrain shows.
+#[derive(Resource, Default)]
+pub struct GpuHeightFields {
+    fields: HashMap<AssetId<HeightField>, GpuHeightField>,
+    /// Fields this GPU cannot hold, and why.
+    pub refused: HashMap<AssetId<HeightField>, String>,
+    next_generation: u64,
+}
+
+impl GpuHeightFields {
+    pub fn get(&self, id: AssetId<HeightField>) -> Option<&GpuHeightField> {
+        self.fields.get(&id)
+    }
+
+    /// Bytes of all textures and pyramids.
+    pub fn bytes(&self) -> u64 {
+        self.fields.values().map(|field| field.bytes).sum()
+    }
+
+    /// Frees what no terrain shows any more.
+    pub fn retain(&mut self, used: impl Fn(AssetId<HeightField>) -> bool) {
+        self.fields.retain(|id, _| used(*id));
+        self.refused.retain(|id, _| used(*id));
+    }
+
+    /// Brings one field up to date: uploads what has changed since it was last seen.
+    pub fn upload(
+        &mut self,
+        id: AssetId<HeightField>,
+        field: &HeightField,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) {
+        let float = matches!(field.samples(), HeightSamples::F32(_));
+        let known = self
+            .fields
+            .get(&id)
+            .filter(|gpu| gpu.size == field.size() && gpu.float == float);
+        let whole = URect::from_corners(UVec2::ZERO, field.size());
+        let rect = match known.map(|gpu| field.changed_since(gpu.revision)) {
+            Some(HeightFieldChanged::Nothing) => return,
+            Some(HeightFieldChanged::Rect(rect)) => rect,
+            Some(HeightFieldChanged::Everything) => whole,
+            None => {
+                if let Err(reason) = check_limits(field, &device.limits()) {
+                    if self.refused.insert(id, reason.clone()).is_none() {
+                        error!("{reason}");
+                    }
+                    self.fields.remove(&id);
+                    return;
+                }
+                self.refused.remove(&id);
+                self.next_generation += 1;
+                let gpu = GpuHeightField::new(field, float, self.next_generation, device);
+                self.fields.insert(id, gpu);
+                whole
+            }
+        };
+        let Some(gpu) = self.fields.get_mut(&id) else { return };
+        gpu.write(field.samples(), rect, queue);
+        gpu.revision = field.revision();
+        gpu.pending = Some(gpu.pending.map_or(rect, |old| old.union(rect)));
+    }
+}
+
+/// Whether this GPU can hold the field; the reason names the limit.
+fn check_limits(field: &HeightField, limits: &WgpuLimits) -> Result<(), String> {
+    let size = field.size();
+    let largest = limits.max_texture_dimension_2d;
+    if size.max_element() > largest {
+        return Err(format!(
+            "a height field of {}x{} samples is larger than this GPU's max_texture_dimension_2d of \
+             {largest}: split it into several terrains, or reduce it",
+            size.x, size.y
+        ));
+    }
+    let node_bytes = if matches!(field.samples(), HeightSamples::F32(_)) { 8 } else { 4 };
+    let bytes = field.pyramid().node_count() as u64 * node_bytes;
+    let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    if bytes > most {
+        return Err(format!(
+            "the pyramid of a height field of {}x{} samples takes {bytes} bytes, more than this GPU's \
+             max_storage_buffer_binding_size of {most}: split it into several terrains, or reduce it",
+            size.x, size.y
+        ));
+    }
+    Ok(())
+}
+
+impl GpuHeightField {
+    fn new(field: &HeightField, float: bool, generation: u64, device: &RenderDevice) -> Self {
+        let size = field.size();
+        let (format, sample_bytes, node_bytes) = if float {
+            (TextureFormat::R32Float, 4, 8)
+        } else {
+            (TextureFormat::R16Uint, 2, 4)
+        };
+        let texture = device.create_texture(&TextureDescriptor {
+            label: Some("skyline_heights"),
+            size: Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: TextureDimension::D2,
+            format,
+            usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let pyramid = field.pyramid();
+        let pyramid_bytes = pyramid.node_count() as u64 * node_bytes;
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some("skyline_pyramid"),
+            size: pyramid_bytes,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        Self {
+            heights: texture.create_view(&TextureViewDescriptor::default()),
+            pyramid: buffer,
+            size,
+            float,
+            level_offsets: (1..=pyramid.levels())
+                .map(|k| pyramid.level_offset(k) as u32)
+                .collect(),
+            texture,
+            revision: 0,
+            pending: None,
+            ready: false,
+            generation,
+            bytes: u64::from(size.x) * u64::from(size.y) * sample_bytes + pyramid_bytes,
+        }
+    }
+
+    /// Uploads a rectangle straight out of the asset's rows; nothing is copied on the way.
+    fn write(&self, samples: &HeightSamples, rect: URect, queue: &RenderQueue) {
+        let (bytes, sample_bytes): (&[u8], u32) = match samples {
+            HeightSamples::U16(samples) => (bytemuck::cast_slice(samples), 2),
+            HeightSamples::F32(samples) => (bytemuck::cast_slice(samples), 4),
+        };
+        let offset = u64::from(rect.min.y * self.size.x + rect.min.x) * u64::from(sample_bytes);
+        queue.write_texture(
+            TexelCopyTextureInfo {
+                texture: &self.texture,
+                mip_level: 0,
+                origin: Origin3d { x: rect.min.x, y: rect.min.y, z: 0 },
+                aspect: TextureAspect::All,
+            },
+            bytes,
+            TexelCopyBufferLayout {
+                offset,
+                bytes_per_row: Some(self.size.x * sample_bytes),
+                rows_per_image: None,
+            },
+            Extent3d { width: rect.width(), height: rect.height(), depth_or_array_layers: 1 },
+        );
+    }
+
+    /// The levels to compute for a rectangle of samples, bottom-up.
+    fn levels_under(&self, rect: URect) -> impl Iterator<Item = GpuMipLevel> + '_ {
+        let cells = self.size - 1;
+        let size_of = move |k: usize| (cells + (1 << k) - 1) >> k as u32;
+        (1..=self.level_offsets.len()).map(move |k| {
+            let size = size_of(k);
+            let node = 1u32 << k;
+            // A sample on a node's border belongs to the nodes on both sides.
+            let first = (rect.min.saturating_sub(UVec2::ONE) / node).min(size - 1);
+            let last = ((rect.max - 1) / node).min(size - 1);
+            GpuMipLevel {
+                first: first.as_ivec2(),
+                count: (last - first + 1).as_ivec2(),
+                size_in: if k == 1 { self.size } else { size_of(k - 1) }.as_ivec2(),
+                offset_in: if k == 1 { 0 } else { self.level_offsets[k - 2] },
+                offset_out: self.level_offsets[k - 1],
+                width_out: size.x as i32,
+                level: k as u32,
+            }
+        })
+    }
+}
+
+/// The pass: computes what uploads have left pending. Does nothing, and allocates nothing, otherwise.
+pub fn height_mips(
+    mut fields: ResMut<GpuHeightFields>,
+    mut pipelines: ResMut<TerrainPipelines>,
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    stats: Res<TerrainStats>,
+    mut ctx: RenderContext,
+) {
+    if fields.fields.values().all(|field| field.pending.is_none()) {
+        return;
+    }
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    for field in fields.fields.values_mut() {
+        let Some(rect) = field.pending else { continue };
+        let key = PipelineKey::HeightMips { float: field.float };
+        let PipelineId::Compute(id) = pipelines.get(&cache, key) else { continue };
+        let Some(pipeline) = cache.get_compute_pipeline(id) else { continue };
+        let mut uniforms = DynamicUniformBuffer::<GpuMipLevel>::default();
+        let levels: Vec<_> = field
+            .levels_under(rect)
+            .map(|level| (uniforms.push(&level), level.count.as_uvec2()))
+            .collect();
+        uniforms.write_buffer(&device, &queue);
+        let Some(binding) = uniforms.binding() else { continue };
+        let bind_group = device.create_bind_group(
+            "skyline_height_mips",
+            &cache.get_bind_group_layout(pipelines.height_mips(field.float)),
+            &BindGroupEntries::sequential((
+                binding,
+                &field.heights,
+                field.pyramid.as_entire_binding(),
+            )),
+        );
+        let span = diagnostics.time_span(ctx.command_encoder(), "height_mips");
+        {
+            let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
+                label: Some("height_mips"),
+                timestamp_writes: None,
+            });
+            pass.set_pipeline(pipeline);
+            for (offset, count) in levels {
+                pass.set_bind_group(0, &bind_group, &[offset]);
+                pass.dispatch_workgroups(count.x.div_ceil(8), count.y.div_ceil(8), 1);
+                stats.count_dispatch("height_mips", u64::from(count.x) * u64::from(count.y));
+            }
+        }
+        span.end(ctx.command_encoder());
+        field.pending = None;
+        field.ready = true;
+    }
+}

@@ -1,0 +1,135 @@
+//! Everything that runs in the render world, and the one table of when.
+//!
+//! | Pass | Schedule | After | Before | Because |
+//! |---|---|---|---|---|
+//! | `extract_terrains` | `ExtractSchedule` | – | – | uploads changed heights straight from the asset |
+//! | `prepare_terrain_views` | `Render`, `PrepareResources` | – | – | rays, textures, lists |
+//! | `prepare_terrain_bind_groups` | `Render`, `PrepareBindGroups` | – | – | binds what is new, queues pipelines |
+//! | `height_mips` | `RenderGraph` | – | `camera_driver` | views read this frame's pyramid |
+//! | `cast_terrain` | `Core3d`, `Prepass` | `early_prepass` | `early_downsample_depth`, `late_prepass` | rays stop at meshes; terrain is in Bevy's depth pyramid |
+//! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
+//!
+//! `cast_terrain` is `subdivide`, `box_entry`, `beam`, `ray_cast` for each terrain, then `terrain_depth` for all.
+
+pub mod extract;
+pub mod height_mips;
+mod pipelines;
+mod readback;
+mod shaders;
+pub mod stats;
+pub mod subdivide;
+pub mod terrain;
+pub mod view;
+
+use bevy::{
+    core_pipeline::{
+        core_3d::{main_opaque_pass_3d, main_transparent_pass_3d},
+        mip_generation::experimental::depth::early_downsample_depth,
+        prepass::node::{early_prepass, late_prepass},
+        schedule::{Core3d, Core3dSystems, camera_driver},
+    },
+    pbr::MeshPipelineSystems,
+    prelude::*,
+    render::{
+        ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems,
+
+        renderer::{RenderAdapter, RenderDevice, RenderGraph},
+        render_resource::DownlevelFlags,
+        settings::WgpuLimits,
+    },
+};
+
+
+use extract::{ExtractedTerrains, extract_terrains};
+use height_mips::{GpuHeightFields, height_mips};
+use pipelines::init_terrain_pipelines;
+use stats::TerrainStats;
+use view::{TerrainViews, prepare_terrain_bind_groups, prepare_terrain_views};
+
+pub(crate) fn embed_shaders(app: &mut App) {
+    shaders::embed(app);
+}
+
+/// Adds the terrain's passes to the render app, or says in [`TerrainStats`] why it cannot.
+pub(crate) fn add_terrain_passes(app: &mut App) {
+    let stats = app.world().resource::<TerrainStats>().clone();
+    let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+        stats.lock().unsupported = Some("the app renders nothing: it has no RenderPlugin".into());
+        return;
+    };
+    if let Err(reason) = check_capabilities(render_app.world()) {
+        warn!("terrain is not drawn: {reason}");
+        stats.lock().unsupported = Some(reason);
+        return;
+    }
+    render_app
+        .insert_resource(stats)
+        .init_resource::<ExtractedTerrains>()
+        .init_gpu_resource::<GpuHeightFields>()
+        .init_gpu_resource::<TerrainViews>()
+        .add_systems(RenderStartup, init_terrain_pipelines.after(MeshPipelineSystems))
+        .add_systems(ExtractSchedule, extract_terrains)
+        .add_systems(
+            Render,
+            (
+                prepare_terrain_views.in_set(RenderSystems::PrepareResources),
+                prepare_terrain_bind_groups.in_set(RenderSystems::PrepareBindGroups),
+            ),
+        )
+        .add_systems(RenderGraph, height_mips.before(camera_driver))
+        .add_systems(
+            Core3d,
+            (
+                terrain::cast_terrain
+                    // Rays stop at what meshes have drawn by then. (The deferred prepass may come before or
+                    // after: it tests against whatever depth is there, and rays don't look at its.)
+                    .after(early_prepass)
+                    // Both read the depth that terrain must be part of.
+                    .before(early_downsample_depth)
+                    .before(late_prepass)
+                    .in_set(Core3dSystems::Prepass),
+                terrain::terrain_shade
+                    // What meshes cover is not lit.
+                    .after(main_opaque_pass_3d)
+                    // Transparent things blend over the lit terrain.
+                    .before(main_transparent_pass_3d)
+                    .in_set(Core3dSystems::MainPass),
+            ),
+        );
+}
+
+/// What the passes need of the GPU; the reason names what is missing.
+fn check_capabilities(world: &World) -> Result<(), String> {
+    let (Some(device), Some(adapter)) =
+        (world.get_resource::<RenderDevice>(), world.get_resource::<RenderAdapter>())
+    else {
+        return Err("no GPU was found: install a Vulkan, Metal or DirectX 12 driver".into());
+    };
+    let flags = adapter.get_downlevel_capabilities().flags;
+    let needed = DownlevelFlags::COMPUTE_SHADERS
+        | DownlevelFlags::INDIRECT_EXECUTION
+        | DownlevelFlags::VERTEX_STORAGE;
+    if !flags.contains(needed) {
+        return Err(format!(
+            "this GPU's driver lacks {:?}: use Vulkan, Metal or DirectX 12 instead of GL",
+            needed - flags
+        ));
+    }
+    let limits: WgpuLimits = device.limits();
+    let most = [
+        ("max_storage_buffers_per_shader_stage", limits.max_storage_buffers_per_shader_stage, 5),
+        ("max_storage_textures_per_shader_stage", limits.max_storage_textures_per_shader_stage, 2),
+        ("max_bind_groups", limits.max_bind_groups, 4),
+        (
+            "max_compute_invocations_per_workgroup",
+            limits.max_compute_invocations_per_workgroup,
+            64,
+        ),
+    ];
+    for (name, has, needs) in most {
+        if has < needs {
+            return Err(format!("this GPU's {name} is {has}, and terrain needs {needs}"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,52 @@
+//! The WGSL of `assets/shaders/`, embedded in the binary. Registered and loaded from this one file, because
+//! an embedded asset's path depends on the file that names it.
+
+use bevy::{
+    asset::{AssetServer, embedded_asset, load_embedded_asset},
+    prelude::*,
+    shader::{Shader, load_shader_library},
+};
+
+/// Registers every shader with the app. Small: text in memory, compiled only when a pass first needs it.
+pub fn embed(app: &mut App) {
+    load_shader_library!(app, "../../assets/shaders/types.wgsl");
+    load_shader_library!(app, "../../assets/shaders/height_field.wgsl");
+    load_shader_library!(app, "../../assets/shaders/rays.wgsl");
+    load_shader_library!(app, "../../assets/shaders/traverse.wgsl");
+    load_shader_library!(app, "../../assets/shaders/boxes.wgsl");
+    load_shader_library!(app, "../../assets/shaders/surface.wgsl");
+    load_shader_library!(app, "../../assets/shaders/placement.wgsl");
+    embedded_asset!(app, "../../assets/shaders/height_mips.wgsl");
+    embedded_asset!(app, "../../assets/shaders/subdivide.wgsl");
+    embedded_asset!(app, "../../assets/shaders/box_entry.wgsl");
+    embedded_asset!(app, "../../assets/shaders/beam.wgsl");
+    embedded_asset!(app, "../../assets/shaders/ray_cast.wgsl");
+    embedded_asset!(app, "../../assets/shaders/terrain_depth.wgsl");
+    embedded_asset!(app, "../../assets/shaders/terrain_shade.wgsl");
+}
+
+/// Handles to the entry points.
+#[derive(Clone)]
+pub struct Shaders {
+    pub height_mips: Handle<Shader>,
+    pub subdivide: Handle<Shader>,
+    pub box_entry: Handle<Shader>,
+    pub beam: Handle<Shader>,
+    pub ray_cast: Handle<Shader>,
+    pub terrain_depth: Handle<Shader>,
+    pub terrain_shade: Handle<Shader>,
+}
+
+impl Shaders {
+    pub fn load(assets: &AssetServer) -> Self {
+        Self {
+            height_mips: load_embedded_asset!(assets, "../../assets/shaders/height_mips.wgsl"),
+            subdivide: load_embedded_asset!(assets, "../../assets/shaders/subdivide.wgsl"),
+            box_entry: load_embedded_asset!(assets, "../../assets/shaders/box_entry.wgsl"),
+            beam: load_embedded_asset!(assets, "../../assets/shaders/beam.wgsl"),
+            ray_cast: load_embedded_asset!(assets, "../../assets/shaders/ray_cast.wgsl"),
+            terrain_depth: load_embedded_asset!(assets, "../../assets/shaders/terrain_depth.wgsl"),
+            terrain_shade: load_embedded_asset!(assets, "../../assets/shaders/terrain_shade.wgsl"),
+        }
+    }
+}

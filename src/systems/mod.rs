@@ -1,0 +1,3 @@
+//! Systems of the main world, one file a feature.
+
+pub mod terrain;
