@@ -1,2 +1,4 @@
 #[path = "it/height_field.rs"]
 mod height_field;
+#[path = "it/loader.rs"]
+mod loader;

@@ -1,9 +1,16 @@
 //! Terrain.
 
 mod height_field;
+mod loader;
 mod pyramid;
 
-pub use height_field::{Changed, HeightField, HeightFieldError, HeightSamples};
+pub use height_field::{
+    Changed as HeightFieldChanged, HeightField, HeightFieldError, HeightSamples,
+};
+pub use loader::{
+    HeightFieldLoadError, HeightFieldLoader, HeightFieldNote, HeightFieldPlugin,
+    HeightFieldSettings, VoidHandling, decode_height_field, read_height_field,
+};
 pub use pyramid::{MinMaxPyramid, PyramidNodes};
 
 use bevy::prelude::*;
@@ -14,4 +21,11 @@ use bevy::prelude::*;
 pub struct Terrain {
     /// The heights.
     pub height_field: Handle<HeightField>,
+}
+
+impl Terrain {
+    /// Shows `height_field`.
+    pub fn new(height_field: Handle<HeightField>) -> Self {
+        Self { height_field }
+    }
 }
