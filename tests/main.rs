@@ -2,3 +2,5 @@
 mod height_field;
 #[path = "it/loader.rs"]
 mod loader;
+#[path = "it/query.rs"]
+mod query;

@@ -3,6 +3,7 @@
 mod height_field;
 mod loader;
 mod pyramid;
+mod query;
 
 pub use height_field::{
     Changed as HeightFieldChanged, HeightField, HeightFieldError, HeightSamples,
@@ -12,6 +13,7 @@ pub use loader::{
     HeightFieldSettings, VoidHandling, decode_height_field, read_height_field,
 };
 pub use pyramid::{MinMaxPyramid, PyramidNodes};
+pub use query::{HeightFieldHit, HeightFieldHitF64, HitSide, TerrainHit, TerrainQuery};
 
 use bevy::prelude::*;
 
