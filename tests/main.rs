@@ -1,2 +1,8 @@
 //! The one integration-test binary.
-#[test] fn t(){}
+
+#[path = "it/height_field.rs"]
+mod height_field;
+#[path = "it/loader.rs"]
+mod loader;
+#[path = "it/query.rs"]
+mod query;
