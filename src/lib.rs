@@ -1,2 +1,3 @@
 //! Terrain.
+pub mod reference;
 pub mod terrain;

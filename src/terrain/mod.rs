@@ -2,17 +2,13 @@
 //! [`TerrainRayCasting`] on a camera, and [`TerrainQuery`] to ask the same surface from the CPU.
 
 mod height_field;
-mod loader;
 mod pyramid;
-mod query;
 pub mod view_rays;
 
 use bevy::{camera::visibility::Visibility, prelude::*};
 
 pub use height_field::{Changed as HeightFieldChanged, HeightField, HeightFieldError, HeightSamples};
-pub use loader::{HeightFieldLoadError, HeightFieldLoader, HeightFieldSettings};
 pub use pyramid::MinMaxPyramid;
-pub use query::{HeightFieldHit, HitSide, TerrainHit, TerrainQuery};
 
 /// Shows a height field as terrain, ray cast through the subdivided bounding boxes of P1.
 ///
@@ -144,7 +140,6 @@ pub enum Traversal {
 }
 
 pub(crate) fn register(app: &mut App) {
-    height_field::register(app);
     app.register_type::<Terrain>()
         .register_type::<TerrainLook>()
         .register_type::<TerrainColour>()
