@@ -1,2 +1,6 @@
-#[path = "it/height_field.rs"]
-mod height_field;
+//! The one integration-test binary.
+
+#[path = "it/terrain_scenes.rs"]
+mod terrain_scenes;
+#[path = "it/twin.rs"]
+mod twin;

@@ -24,12 +24,20 @@ impl Quadratic {
 
     /// The same function, with s counted from `s`.
     pub fn from(self, s: f64) -> Self {
-        Self { c: self.at(s), b: self.slope_at(s), a: self.a }
+        Self {
+            c: self.at(s),
+            b: self.slope_at(s),
+            a: self.a,
+        }
     }
 
     /// `self + k other`.
     pub fn plus(self, k: f64, other: Self) -> Self {
-        Self { c: self.c + k * other.c, b: self.b + k * other.b, a: self.a + k * other.a }
+        Self {
+            c: self.c + k * other.c,
+            b: self.b + k * other.b,
+            a: self.a + k * other.a,
+        }
     }
 
     /// First s ≥ 0 at which the function, not negative at 0, comes down to zero.
@@ -51,7 +59,12 @@ impl Quadratic {
 
     /// First s ≥ 0 at which the function, not positive at 0, comes up to zero.
     pub fn first_rise(self) -> Option<f64> {
-        Self { c: -self.c, b: -self.b, a: -self.a }.first_fall()
+        Self {
+            c: -self.c,
+            b: -self.b,
+            a: -self.a,
+        }
+        .first_fall()
     }
 }
 

@@ -120,9 +120,17 @@ impl RayMagnitude {
         // How long since the GPU's cell began: no longer than a crossing, nor than since t = 0.
         let inside = if self.crossing < t + span {
             let s = self.crossing;
-            Quadratic { c: s * (slope + s * curve), b: 0.0, a: 0.0 }
+            Quadratic {
+                c: s * (slope + s * curve),
+                b: 0.0,
+                a: 0.0,
+            }
         } else {
-            Quadratic { c: slope * t + curve * t * t, b: slope + 2.0 * curve * t, a: curve }
+            Quadratic {
+                c: slope * t + curve * t * t,
+                b: slope + 2.0 * curve * t,
+                a: curve,
+            }
         };
         base.plus(1.0, inside)
     }

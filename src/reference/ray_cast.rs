@@ -84,32 +84,68 @@ struct Search {
     hit: Option<(f64, UVec2)>,
 }
 
+/// A ray's way through one cell.
+struct Visit {
+    cell: UVec2,
+    /// When it begins.
+    t: f64,
+    /// How long it lasts; may be infinite.
+    span: f64,
+    /// The ray's height above the cell's surface, and how far that may be off, as functions of s = time since t.
+    above: Quadratic,
+    guard: Quadratic,
+    /// The s for which the ray is in this cell beyond doubt.
+    inner: Window,
+}
+
 impl Search {
-    /// Looks at one cell: `above` its surface, known to within `guard`, from t to t + span.
-    fn visit(&mut self, above: Quadratic, guard: Quadratic, t: f64, span: f64, cell: UVec2) {
+    fn visit(&mut self, visit: &Visit) {
+        let &Visit {
+            cell,
+            t,
+            span,
+            above,
+            guard,
+            inner,
+        } = visit;
         let mut s = 0.0;
         if !self.air {
             let height = above.plus(self.side, guard);
             if height.c <= 0.0 {
-                let Some(rise) = height.first_rise().filter(|&rise| rise <= span) else {
+                // What only begins at the far border is the next cell's to tell: it goes on otherwise there.
+                let within = |&rise: &f64| rise < span || (rise == span && self.side > 0.0);
+                let Some(rise) = height.first_rise().filter(within) else {
                     return;
                 };
-                s = rise;
-                if self.side == 0.0 {
-                    // Air and ground meet here. From the rise on the height is b' r + a r².
-                    let slope = height.slope_at(rise);
-                    if slope <= 0.0 && height.a <= 0.0 {
+                // Where within one cell the lowered height is still below zero and the raised one already above,
+                // whatever quadratic lies between has come up, once, and is not seen.
+                let clean = if self.side == 0.0 {
+                    Some((height, rise))
+                } else if self.side > 0.0 && rise >= inner.0 {
+                    let lower = above.plus(-self.side, guard);
+                    let later = lower.from(rise).first_rise().map(|later| rise + later);
+                    later
+                        .filter(|&later| later < inner.1.min(span))
+                        .map(|later| (lower, later))
+                } else {
+                    None
+                };
+                if let Some((height, rise)) = clean {
+                    // Counted from the rise on, the height is b r + a r²: nothing is left of c but rounding.
+                    let b = height.slope_at(rise);
+                    if b <= 0.0 && height.a <= 0.0 {
                         return;
                     }
                     self.air = true;
                     if height.a < 0.0 {
-                        let fall = rise + slope / -height.a;
+                        let fall = rise + b / -height.a;
                         if fall <= span && t + fall <= self.window.1 {
                             self.hit = Some((t + fall, cell));
                         }
                     }
                     return;
                 }
+                s = rise;
             }
             self.air = true;
         }
@@ -119,13 +155,53 @@ impl Search {
             return;
         }
         let height = above.plus(-self.side, guard).from(from);
-        let fall = if height.c <= 0.0 { Some(0.0) } else { height.first_fall() };
+        let fall = if height.c <= 0.0 {
+            Some(0.0)
+        } else {
+            height.first_fall()
+        };
         if let Some(fall) = fall.filter(|fall| from + fall <= to) {
             // Exactly the window's start where it is that: the wall.
-            let t_hit = if fall == 0.0 { (t + s).max(self.window.0) } else { t + from + fall };
+            let t_hit = if fall == 0.0 {
+                (t + s).max(self.window.0)
+            } else {
+                t + from + fall
+            };
             self.hit = Some((t_hit, cell));
         }
     }
+}
+
+/// When all of k t ≥ m hold, for t ≥ 0.
+fn when(conditions: impl IntoIterator<Item = (f64, f64)>) -> Window {
+    let mut window = (0.0f64, f64::INFINITY);
+    for (k, m) in conditions {
+        if k > 0.0 {
+            window.0 = window.0.max(m / k);
+        } else if k < 0.0 {
+            window.1 = window.1.min(m / k);
+        } else if m > 0.0 {
+            window.1 = f64::NEG_INFINITY;
+        }
+    }
+    window
+}
+
+/// When `o + t d` lies between 0 and `size` along x and z, grown by `side` times `fixed + t growing`.
+fn when_inside(
+    o: DVec3,
+    d: DVec3,
+    size: DVec2,
+    side: f64,
+    (fixed, growing): (DVec3, DVec3),
+) -> Window {
+    let (grow, more) = (side * fixed, side * growing);
+    when([
+        (d.x + more.x, -o.x - grow.x),
+        (more.x - d.x, o.x - size.x - grow.x),
+        (d.z + more.z, -o.z - grow.z),
+        (more.z - d.z, o.z - size.y - grow.z),
+    ])
 }
 
 impl<'a> Twin<'a> {
@@ -138,7 +214,14 @@ impl<'a> Twin<'a> {
             HeightSamples::F32(samples) => steepest(samples, width),
         };
         let (highest, lowest) = field.pyramid().top();
-        Self { samples, width, cells: field.cells(), steepest, lowest, highest }
+        Self {
+            samples,
+            width,
+            cells: field.cells(),
+            steepest,
+            lowest,
+            highest,
+        }
     }
 
     fn height(&self, i: usize, j: usize) -> f64 {
@@ -152,7 +235,9 @@ impl<'a> Twin<'a> {
     fn patch(&self, cell: UVec2, anchor_y: f64) -> Patch {
         let (i, j) = (cell.x as usize, cell.y as usize);
         let corners = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
-        Patch { corners: corners.map(|(i, j)| self.height(i, j) - anchor_y) }
+        Patch {
+            corners: corners.map(|(i, j)| self.height(i, j) - anchor_y),
+        }
     }
 
     /// Steepest slopes of the 3×3 cells around one.
@@ -177,17 +262,33 @@ impl<'a> Twin<'a> {
 
     /// The first hit of a ray at 0 ≤ t ≤ `t_max`. `origin` and `direction` are in grid space, `origin` relative to
     /// `anchor`.
-    pub fn cast(&self, origin: DVec3, direction: DVec3, anchor: DVec3, t_max: f64) -> Option<TwinHit> {
+    pub fn cast(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        anchor: DVec3,
+        t_max: f64,
+    ) -> Option<TwinHit> {
         let ray = Ray {
             origin: origin + DVec3::new(anchor.x, 0.0, anchor.z),
             direction,
             anchor_y: anchor.y,
         };
-        let window = self.footprint(&ray, 0.0, (DVec3::ZERO, DVec3::ZERO));
-        let mut search = [Search { side: 0.0, window, air: window.0 > 0.0, hit: None }];
+        let cells = self.cells.as_dvec2();
+        let window = when_inside(ray.origin, direction, cells, 0.0, Default::default());
+        let mut search = [Search {
+            side: 0.0,
+            window,
+            air: window.0 > 0.0,
+            hit: None,
+        }];
         self.walk(&ray, None, &mut search, window, t_max);
         search[0].hit.map(|(t, cell)| {
-            let part = if t == window.0 && t > 0.0 { Part::Wall } else { Part::Surface };
+            let part = if t == window.0 && t > 0.0 {
+                Part::Wall
+            } else {
+                Part::Surface
+            };
             TwinHit { t, part, cell }
         })
     }
@@ -203,12 +304,29 @@ impl<'a> Twin<'a> {
         };
         let size = RayMagnitude::new(rays, pixel);
         let error = size.position_error();
-        let [shrunk, exact, grown] = [-1.0, 0.0, 1.0].map(|side| self.footprint(&ray, side, error));
+        let cells = self.cells.as_dvec2();
+        let [shrunk, exact, grown] =
+            [-1.0, 0.0, 1.0].map(|side| when_inside(ray.origin, direction, cells, side, error));
         let inside = |window: Window| window.0 <= 0.0 && window.1 >= 0.0;
         let mut searches = [
-            Search { side: 0.0, window: exact, air: !inside(exact), hit: None },
-            Search { side: 1.0, window: grown, air: !inside(shrunk), hit: None },
-            Search { side: -1.0, window: shrunk, air: !inside(grown), hit: None },
+            Search {
+                side: 0.0,
+                window: exact,
+                air: !inside(exact),
+                hit: None,
+            },
+            Search {
+                side: 1.0,
+                window: grown,
+                air: !inside(shrunk),
+                hit: None,
+            },
+            Search {
+                side: -1.0,
+                window: shrunk,
+                air: !inside(grown),
+                hit: None,
+            },
         ];
         let undecided = self.walk(&ray, Some(&size), &mut searches, grown, t_max);
         let [exact, mut earliest, mut latest] = searches.map(|search| search.hit.map(|(t, _)| t));
@@ -219,32 +337,11 @@ impl<'a> Twin<'a> {
         }
         // A hit so near the far plane that its depth may round to the sky's need not be told from it.
         let latest = latest.filter(|&t| depth_error(rays, t).1);
-        Verdict { exact, earliest, latest }
-    }
-
-    /// When the ray is over the footprint, grown by `side` times the position's error.
-    fn footprint(&self, ray: &Ray, side: f64, (fixed, growing): (DVec3, DVec3)) -> Window {
-        let mut window = (0.0f64, f64::INFINITY);
-        let cells = self.cells.as_dvec2();
-        for (o, d, size, fixed, growing) in [
-            (ray.origin.x, ray.direction.x, cells.x, fixed.x, growing.x),
-            (ray.origin.z, ray.direction.z, cells.y, fixed.z, growing.z),
-        ] {
-            // k t >= m, for either border.
-            for (k, m) in [
-                (d + side * growing, -o - side * fixed),
-                (-d + side * growing, o - size - side * fixed),
-            ] {
-                if k > 0.0 {
-                    window.0 = window.0.max(m / k);
-                } else if k < 0.0 {
-                    window.1 = window.1.min(m / k);
-                } else if m > 0.0 {
-                    window.1 = f64::NEG_INFINITY;
-                }
-            }
+        Verdict {
+            exact,
+            earliest,
+            latest,
         }
-        window
     }
 
     /// Visits the cells on the ray's way within `window`, those nearest for where it is beside the footprint.
@@ -267,7 +364,9 @@ impl<'a> Twin<'a> {
         let start = (o + t * d).xz().floor().clamp(DVec2::ZERO, last.as_dvec2());
         let mut cell = start.as_uvec2();
         let steepest = Steepness {
-            height: (self.highest - ray.anchor_y).abs().max((self.lowest - ray.anchor_y).abs()),
+            height: (self.highest - ray.anchor_y)
+                .abs()
+                .max((self.lowest - ray.anchor_y).abs()),
             ..self.steepest
         };
         let (low, high) = (self.lowest - ray.anchor_y, self.highest - ray.anchor_y);
@@ -287,13 +386,25 @@ impl<'a> Twin<'a> {
             let span = t_out - t;
 
             // Far enough from this cell's surface, and on the known side of it, to pass it by?
-            let any_air = searches.iter().any(|search| search.hit.is_none() && search.air);
-            let any_ground = searches.iter().any(|search| search.hit.is_none() && !search.air);
+            let any_air = searches
+                .iter()
+                .any(|search| search.hit.is_none() && search.air);
+            let any_ground = searches
+                .iter()
+                .any(|search| search.hit.is_none() && !search.air);
             let y = o.y + t * d.y;
-            let y_out = if span.is_finite() { o.y + t_out * d.y } else { d.y * f64::INFINITY };
+            let y_out = if span.is_finite() {
+                o.y + t_out * d.y
+            } else {
+                d.y * f64::INFINITY
+            };
             let worst = size.map_or(0.0, |size| {
                 let guard = size.guard(&steepest, t, span).at(span);
-                if guard.is_finite() { 2.0 * guard } else { f64::INFINITY }
+                if guard.is_finite() {
+                    2.0 * guard
+                } else {
+                    f64::INFINITY
+                }
             });
             let patch = self.patch(cell, ray.anchor_y);
             let above = y.min(y_out) > patch.max() + worst;
@@ -304,9 +415,23 @@ impl<'a> Twin<'a> {
                 });
                 let at = o + t * d;
                 let corner = cell.as_dvec2();
-                let above = patch.above([at.x - corner.x, at.y, at.z - corner.y], d.to_array());
+                let from = DVec3::new(at.x - corner.x, at.y, at.z - corner.y);
+                let visit = Visit {
+                    cell,
+                    t,
+                    span,
+                    above: patch.above(from.to_array(), d.to_array()),
+                    guard,
+                    inner: match size {
+                        Some(size) if any_ground => {
+                            let (fixed, growing) = size.position_error();
+                            when_inside(from, d, DVec2::ONE, -1.0, (fixed + t * growing, growing))
+                        }
+                        _ => (f64::INFINITY, 0.0),
+                    },
+                };
                 for search in searches.iter_mut().filter(|search| search.hit.is_none()) {
-                    search.visit(above, guard, t, span, cell);
+                    search.visit(&visit);
                 }
                 if searches.iter().all(|search| search.hit.is_some()) {
                     return None;
@@ -346,7 +471,8 @@ impl<'a> Twin<'a> {
         let height = |at: DVec2| {
             let cell = at.floor().min(cells - 1.0);
             let part = at - cell;
-            self.patch(cell.as_uvec2(), f64::from(rays.anchor_y)).height(part.x, part.y)
+            self.patch(cell.as_uvec2(), f64::from(rays.anchor_y))
+                .height(part.x, part.y)
         };
         let clip_from_grid = rays.clip_from_grid.as_dmat4();
         let project = |grid: DVec3| {
@@ -419,12 +545,23 @@ pub struct Wrong {
 
 impl Tally {
     /// Counts one ray. `ndc_depth` is as the GPU wrote it, 0 for the sky. Returns whether it is legal.
-    pub fn check(&mut self, rays: &ViewRays, pixel: Vec2, verdict: Verdict, ndc_depth: f32) -> bool {
+    pub fn check(
+        &mut self,
+        rays: &ViewRays,
+        pixel: Vec2,
+        verdict: Verdict,
+        ndc_depth: f32,
+    ) -> bool {
         if ndc_depth.is_nan() || ndc_depth <= 0.0 {
             let legal = verdict.latest.is_none() && ndc_depth == 0.0;
             match (legal, verdict.earliest) {
                 (false, _) => {
-                    self.wrong.push(Wrong { pixel, verdict, t: None, tolerance: 0.0 });
+                    self.wrong.push(Wrong {
+                        pixel,
+                        verdict,
+                        t: None,
+                        tolerance: 0.0,
+                    });
                 }
                 (true, None) => self.misses += 1,
                 (true, Some(_)) => self.in_band += 1,
@@ -433,10 +570,17 @@ impl Tally {
         }
         let t = rays.view_depth(ndc_depth) - f64::from(rays.t_base);
         let tolerance = depth_error(rays, t).0;
-        let legal = verdict.earliest.is_some_and(|earliest| t >= earliest - tolerance)
+        let legal = verdict
+            .earliest
+            .is_some_and(|earliest| t >= earliest - tolerance)
             && verdict.latest.is_none_or(|latest| t <= latest + tolerance);
         if !legal {
-            self.wrong.push(Wrong { pixel, verdict, t: Some(t), tolerance });
+            self.wrong.push(Wrong {
+                pixel,
+                verdict,
+                t: Some(t),
+                tolerance,
+            });
         } else if verdict.latest.is_some() {
             self.hits += 1;
         } else {
@@ -464,11 +608,18 @@ impl Tally {
     pub fn verdict(&self, max_in_band_fraction: f64) -> Result<(), String> {
         let (rays, in_band) = (self.rays(), self.in_band);
         if let Some(first) = self.wrong.first() {
-            Err(format!("{} of {rays} rays are wrong; the first: {first:?}", self.wrong.len()))
+            Err(format!(
+                "{} of {rays} rays are wrong; the first: {first:?}",
+                self.wrong.len()
+            ))
         } else if self.hits + self.misses == 0 {
-            Err(format!("nothing was compared: {in_band} of {rays} rays are in the guard band"))
+            Err(format!(
+                "nothing was compared: {in_band} of {rays} rays are in the guard band"
+            ))
         } else if in_band as f64 > max_in_band_fraction * rays as f64 {
-            Err(format!("{in_band} of {rays} rays are in the guard band: too many to mean anything"))
+            Err(format!(
+                "{in_band} of {rays} rays are in the guard band: too many to mean anything"
+            ))
         } else {
             Ok(())
         }
