@@ -6,3 +6,7 @@ mod height_field;
 mod loader;
 #[path = "it/query.rs"]
 mod query;
+#[path = "it/terrain_scenes.rs"]
+mod terrain_scenes;
+#[path = "it/twin.rs"]
+mod twin;
