@@ -8,6 +8,7 @@ use bevy::{
     camera::RenderTarget,
     diagnostic::{DiagnosticPath, DiagnosticsStore},
     image::Image,
+    platform::time::Instant,
     prelude::*,
     render::{
         RenderApp, RenderPlugin,
@@ -22,7 +23,10 @@ use bevy::{
     window::{ExitCondition, WindowPlugin},
 };
 
-use crate::{plugin::SkylinePlugins, render_graph::view::TerrainViews};
+use crate::{
+    plugin::SkylinePlugins,
+    render_graph::{stats::TerrainStats, terrain::Caster, view::TerrainViews},
+};
 
 /// Time that passes from one frame to the next. units: s
 const FRAME_S: f64 = 1.0 / 60.0;
@@ -288,5 +292,38 @@ impl Offline {
             .get_resource::<DiagnosticsStore>()?
             .get(&DiagnosticPath::new(format!("render/{span}/elapsed_gpu")))?
             .value()
+    }
+
+    /// Casts a camera's rays again, by themselves and waited for: times of subdivide, box_entry, beam and
+    /// ray_cast. units: ms
+    ///
+    /// Where a driver's timestamps around compute passes mean nothing (Mesa's software driver) this is what
+    /// can be trusted; it includes the time to submit each pass and wait for it.
+    pub fn time_cast(&self, camera: Entity) -> Option<[f64; 4]> {
+        let render = self.app.get_sub_app(RenderApp)?.world();
+        let view = self.views()?.views.get(&camera)?;
+        let cache = render.get_resource::<PipelineCache>()?;
+        let stats = render.get_resource::<TerrainStats>()?;
+        let device = render.get_resource::<RenderDevice>()?;
+        let queue = render.get_resource::<RenderQueue>()?;
+        let mut times = [0.0; 4];
+        for slot in view.drawn_slots() {
+            for (stage, time) in times.iter_mut().enumerate() {
+                let mut encoder = device.create_command_encoder(&default());
+                let mut caster =
+                    Caster { cache, stats, diagnostics: None, encoder: &mut encoder };
+                match stage {
+                    0 => caster.subdivide(slot),
+                    1 => caster.box_entry(slot, view),
+                    2 => caster.beam(slot),
+                    _ => caster.ray_cast(slot, view),
+                }
+                let start = Instant::now();
+                queue.submit([encoder.finish()]);
+                device.poll(PollType::wait_indefinitely()).ok()?;
+                *time += start.elapsed().as_secs_f64() * 1e3;
+            }
+        }
+        Some(times)
     }
 }

@@ -1,3 +1,6 @@
 //! `f64` twins of what runs on the GPU: slow, plain, and what every GPU result is compared with.
 //! No Bevy render types here.
 
+pub mod cell;
+pub mod guard;
+pub mod ray_cast;
