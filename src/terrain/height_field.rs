@@ -355,7 +355,7 @@ impl HeightField {
         let cell = 1.0 / f64::from(self.texel_m);
         let (offset_m, step_m) = self.offset_and_step_m();
         DAffine3 {
-            matrix3: DMat3::from_diagonal(DVec3::new(cell, 1.0 / step_m, cell)).into(),
+            matrix3: DMat3::from_diagonal(DVec3::new(cell, 1.0 / step_m, cell)),
             translation: DVec3::new(0.0, -offset_m / step_m, 0.0),
         }
     }
@@ -365,7 +365,7 @@ impl HeightField {
         let texel_m = f64::from(self.texel_m);
         let (offset_m, step_m) = self.offset_and_step_m();
         DAffine3 {
-            matrix3: DMat3::from_diagonal(DVec3::new(texel_m, step_m, texel_m)).into(),
+            matrix3: DMat3::from_diagonal(DVec3::new(texel_m, step_m, texel_m)),
             translation: DVec3::new(0.0, offset_m, 0.0),
         }
     }
@@ -402,7 +402,7 @@ impl HeightField {
     }
 
     /// The height of grid height 0, and the metres of one unit of it.
-    fn offset_and_step_m(&self) -> (f64, f64) {
+    pub(super) fn offset_and_step_m(&self) -> (f64, f64) {
         match self.samples {
             HeightSamples::U16(_) => {
                 let min = f64::from(self.code_range_m.0);

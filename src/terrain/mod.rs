@@ -2,6 +2,7 @@
 //! [`TerrainRayCasting`] on a camera, and [`TerrainQuery`] to ask the same surface from the CPU.
 
 mod height_field;
+mod loader;
 mod pyramid;
 pub mod view_rays;
 
@@ -146,4 +147,11 @@ pub(crate) fn register(app: &mut App) {
         .register_type::<TerrainColour>()
         .register_type::<TerrainRayCasting>()
         .register_type::<Traversal>();
+}
+
+impl Terrain {
+    /// Shows `height_field`.
+    pub fn new(height_field: Handle<HeightField>) -> Self {
+        Self { height_field }
+    }
 }

@@ -1,7 +1,9 @@
 //! `HeightField`: construction, edits, and the pyramid against brute force.
 
 use bevy::math::{URect, UVec2};
-use bevy_skyline::terrain::{Changed, HeightField, HeightFieldError, HeightSamples, PyramidNodes};
+use bevy_skyline::terrain::{
+    HeightField, HeightFieldChanged, HeightFieldError, HeightSamples, PyramidNodes,
+};
 use proptest::prelude::*;
 
 /// A small reproducible source of numbers.
@@ -336,7 +338,10 @@ fn failed_edits_leave_everything_as_it_was() {
         assert_eq!(field.samples(), before.samples());
         assert_eq!(field.pyramid(), before.pyramid());
         assert_eq!(field.revision(), before.revision());
-        assert_eq!(field.changed_since(before.revision()), Changed::Nothing);
+        assert_eq!(
+            field.changed_since(before.revision()),
+            HeightFieldChanged::Nothing
+        );
     }
 }
 
@@ -352,18 +357,24 @@ fn revisions_tell_what_changed() {
     field.edit(URect::new(10, 1, 12, 2), |_, _, _| 1.0).unwrap();
     assert!(start < middle && middle < field.revision());
 
-    assert_eq!(field.changed_since(field.revision()), Changed::Nothing);
+    assert_eq!(
+        field.changed_since(field.revision()),
+        HeightFieldChanged::Nothing
+    );
     assert_eq!(
         field.changed_since(middle),
-        Changed::Rect(URect::new(10, 1, 12, 2))
+        HeightFieldChanged::Rect(URect::new(10, 1, 12, 2))
     );
     assert_eq!(
         field.changed_since(start),
-        Changed::Rect(URect::new(1, 1, 12, 4))
+        HeightFieldChanged::Rect(URect::new(1, 1, 12, 4))
     );
     // Another field's revision, though it lies between two of ours, tells nothing.
-    assert_eq!(field.changed_since(other.revision()), Changed::Everything);
-    assert_eq!(field.changed_since(0), Changed::Everything);
+    assert_eq!(
+        field.changed_since(other.revision()),
+        HeightFieldChanged::Everything
+    );
+    assert_eq!(field.changed_since(0), HeightFieldChanged::Everything);
 
     // An empty rectangle is no edit.
     let before = field.revision();
@@ -377,13 +388,16 @@ fn revisions_tell_what_changed() {
     assert_ne!(field.revision(), clone.revision());
     assert_eq!(
         field.changed_since(before),
-        Changed::Rect(URect::new(5, 5, 6, 6))
+        HeightFieldChanged::Rect(URect::new(5, 5, 6, 6))
     );
     assert_eq!(
         clone.changed_since(before),
-        Changed::Rect(URect::new(7, 7, 8, 8))
+        HeightFieldChanged::Rect(URect::new(7, 7, 8, 8))
     );
-    assert_eq!(clone.changed_since(field.revision()), Changed::Everything);
+    assert_eq!(
+        clone.changed_since(field.revision()),
+        HeightFieldChanged::Everything
+    );
 }
 
 #[test]
@@ -397,16 +411,19 @@ fn old_edits_are_forgotten_safely() {
             .unwrap();
         revisions.push(field.revision());
     }
-    assert_eq!(field.changed_since(start), Changed::Everything);
-    assert_eq!(field.changed_since(revisions[7]), Changed::Everything);
+    assert_eq!(field.changed_since(start), HeightFieldChanged::Everything);
+    assert_eq!(
+        field.changed_since(revisions[7]),
+        HeightFieldChanged::Everything
+    );
     // 32 edits back is the limit.
     assert_eq!(
         field.changed_since(revisions[8]),
-        Changed::Rect(URect::new(8, 8, 40, 40))
+        HeightFieldChanged::Rect(URect::new(8, 8, 40, 40))
     );
     assert_eq!(
         field.changed_since(revisions[39]),
-        Changed::Rect(URect::new(39, 39, 40, 40))
+        HeightFieldChanged::Rect(URect::new(39, 39, 40, 40))
     );
 }
 
