@@ -11,7 +11,7 @@
 #import bevy_skyline::boxes::BOX_COUNT
 #import bevy_skyline::height_field::{level_size, node_range, view}
 #import bevy_skyline::rays::{Ray, height_guard, height_of, ray_at}
-#import bevy_skyline::types::{FLAG_NO_BEAM, FLAG_STARTS_IN_AIR, T_NEVER}
+#import bevy_skyline::types::{FLAG_NO_BEAM, FLAG_STARTS_IN_AIR, T_NEVER, UNIT_ROUNDOFF}
 
 struct TileStart {
     t: f32,
@@ -66,10 +66,13 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
         let half = half_width(t);
         let smallest = level_for(half);
         k = max(k, smallest);
-        let middle = ray.origin.xz + t * ray.direction.xz + vec2<f32>(view.anchor);
+        let from_anchor = ray.origin.xz + t * ray.direction.xz;
+        let middle = from_anchor + vec2<f32>(view.anchor);
         let unit = f32(1u << k);
-        let a = vec2<i32>(floor((middle - half.xz) / unit));
-        let b = vec2<i32>(floor((middle + half.xz) / unit));
+        // A border the box has just come to counts as crossed, or the beam would never leave it.
+        let rim = half.xz + 1e-4 + 4.0 * UNIT_ROUNDOFF * (abs(middle) + abs(from_anchor));
+        let a = vec2<i32>(floor((middle - rim) / unit));
+        let b = vec2<i32>(floor((middle + rim) / unit));
         if any(b > a + 1) {
             if k >= view.levels { break; }
             k += 1u;
@@ -120,14 +123,13 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
                 t = -1.0;
                 break;
             }
-            // A little further than the border, so that the next nodes are others.
-            t = t_leave + 1e-6 * abs(t_leave);
+            t = t_leave;
             k = min(k + 1u, view.levels);
         } else {
             if k <= smallest { break; }
             k -= 1u;
         }
     }
-    // Back before the last little step.
+    // What rounding may have added to t on the way.
     tile_start[index] = TileStart(select(t - 4e-6 * t, t, t < 0.0), max(k, 1u));
 }

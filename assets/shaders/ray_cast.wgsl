@@ -47,13 +47,12 @@ fn ray_cast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id)
 #ifdef STOP_AT_DEPTH
     nearest = max(nearest, textureLoad(drawn_depth, id.xy, 0));
 #endif
-    let t_stop = min(view.t_far, t_of_depth(nearest));
-
     let ray = ray_at(vec2<f32>(id.xy) + 0.5);
     let t_footprint = footprint_t(ray);
-    var t_start = max(t_footprint, 0.0);
+    let t_stop = min(min(view.t_far, t_footprint.y), t_of_depth(nearest));
+    var t_start = max(t_footprint.x, 0.0);
     var levels = Levels(0u, 0u, false);
-    var starts = t_footprint < t_stop;
+    var starts = true;
     if view.traversal == TRAVERSAL_HYBRID {
         let tiles_x = (view.size_px.x + 7u) / 8u;
         let start = tile_start[tile.y * tiles_x + tile.x];
@@ -77,7 +76,7 @@ fn ray_cast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id)
     surface &= 0xffu;
     if starts && t_start < t_stop {
         var inside = false;
-        if (view.flags & FLAG_STARTS_IN_AIR) == 0u && t_footprint < 0.0 {
+        if (view.flags & FLAG_STARTS_IN_AIR) == 0u && t_footprint.x < 0.0 {
             let cell = cell_at(ray, 0.0);
             reads += 1u;
             inside = above_cell(ray, cell, cell_corners(cell)).c <= 0.0;
@@ -94,7 +93,7 @@ fn ray_cast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id)
             reads += hit.reads;
         }
     }
-    if hit_t < t_stop {
+    if hit_t < T_NEVER && hit_t <= t_stop {
         depth = ndc_depth(hit_t);
         surface = view.terrain_id;
     }

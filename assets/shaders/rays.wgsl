@@ -42,15 +42,15 @@ fn border_t(ray: Ray, at: vec2<i32>) -> vec2<f32> {
     return select(vec2(T_NEVER), min(t, vec2(T_NEVER)), ray.moves);
 }
 
-/// When the ray comes into the footprint, by the border it enters last; negative if it starts within.
-/// `T_NEVER` if it passes by.
-fn footprint_t(ray: Ray) -> f32 {
+/// When the ray comes into the footprint (x), by the border it enters last, and leaves it (y). The first is
+/// negative if it starts within; both are `T_NEVER` if it passes by.
+fn footprint_t(ray: Ray) -> vec2<f32> {
     let enter = select(border_t(ray, select(view.cells, vec2(0), ray.ahead == vec2(1))), vec2(-1.0), !ray.moves);
     let leave = border_t(ray, select(vec2(0), view.cells, ray.ahead == vec2(1)));
     let start = ray.origin.xz + vec2<f32>(view.anchor);
     let beside = any(!ray.moves & ((start < vec2(0.0)) | (start > vec2<f32>(view.cells))));
-    let t = max(enter.x, enter.y);
-    return select(t, T_NEVER, beside || t > min(leave.x, leave.y) || min(leave.x, leave.y) < 0.0);
+    let t = vec2(max(enter.x, enter.y), min(leave.x, leave.y));
+    return select(t, vec2(T_NEVER), beside || t.x > t.y || t.y < 0.0);
 }
 
 /// The cell at t along one axis: the one that was entered at or before t and is left after t.
@@ -124,6 +124,15 @@ fn above_cell(ray: Ray, cell: vec2<i32>, corners: vec4<f32>) -> Above {
     above.b = d.y - p * d.x - q * d.z - r * (at.x * d.z + at.y * d.x);
     above.a = -r * d.x * d.z;
     return above;
+}
+
+/// Whether a ray stays above a cell so clearly that the cell need not be asked. The same bound that lets nodes
+/// be skipped: a cell that a node's bound would have skipped is skipped by its own too, so what is found
+/// doesn't depend on which nodes were asked.
+fn clears_cell(ray: Ray, above: Above, corners: vec4<f32>) -> bool {
+    let t_out = above.t_in + above.s_max;
+    let low = min(height_of(ray, above.t_in), height_of(ray, t_out));
+    return low > max(max(corners.x, corners.y), max(corners.z, corners.w)) + height_guard(ray, t_out);
 }
 
 /// First s >= 0 at which c + b s + a s^2, positive at 0, comes down to zero; `T_NEVER` if it does not.

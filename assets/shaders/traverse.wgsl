@@ -9,7 +9,7 @@
 #import bevy_skyline::types::{T_NEVER, UNIT_ROUNDOFF, TRAVERSAL_PER_TEXEL}
 #import bevy_skyline::height_field::{view, node_range, cell_corners}
 #import bevy_skyline::rays::{
-    Ray, above_cell, border_t, cell_at, first_fall, first_rise, height_guard, height_of, next_cell,
+    Ray, above_cell, border_t, cell_at, clears_cell, first_fall, first_rise, height_guard, height_of, next_cell,
 }
 
 struct Hit {
@@ -35,7 +35,7 @@ fn pixel_level(t: f32) -> u32 {
 
 /// Where the ray next comes from the air to the surface, or enters the footprint below it, at or after
 /// `t_start`, where it is in the air or at the footprint's border. Nothing at or beyond `t_stop` is looked
-/// for. The ray must be within the footprint at `t_start`.
+/// for. The ray must be within the footprint from `t_start` to `t_stop`.
 fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
     var hit = Hit(T_NEVER, 0u);
     var cell = cell_at(ray, t_start);
@@ -67,13 +67,16 @@ fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
             }
         } else {
             hit.reads += 1u;
-            let above = above_cell(ray, cell, cell_corners(cell));
-            var s = 0.0;
-            if above.c > 0.0 {
-                s = first_fall(above.c, above.b, above.a);
-            }
-            if s <= above.s_max {
-                hit.t = above.t_in + s;
+            let corners = cell_corners(cell);
+            let above = above_cell(ray, cell, corners);
+            if !clears_cell(ray, above, corners) {
+                var s = 0.0;
+                if above.c > 0.0 {
+                    s = first_fall(above.c, above.b, above.a);
+                }
+                if s <= above.s_max {
+                    hit.t = above.t_in + s;
+                }
             }
         }
         if hit.t < T_NEVER {
@@ -144,7 +147,7 @@ fn emerge(ray: Ray, t_stop: f32) -> Emergence {
                 out.t = above.t_in + s;
                 // From the rise the polynomial is b' r + a r^2, with b' >= 0 and nothing left over.
                 let b = max(above.b + 2.0 * above.a * s, 0.0);
-                let again = select(T_NEVER, b / -above.a, above.a < -1e-30 && s > 0.0);
+                let again = select(T_NEVER, b / -above.a, above.a < -1e-30);
                 if above.c > 0.0 {
                     let fall = first_fall(above.c, above.b, above.a);
                     out.falls_t = select(T_NEVER, above.t_in + fall, fall <= above.s_max);

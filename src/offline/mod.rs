@@ -11,6 +11,7 @@ use bevy::{
     diagnostic::{DiagnosticPath, DiagnosticsStore},
     image::Image,
     log::{Level, LogPlugin},
+    platform::time::Instant,
     prelude::*,
     render::{
         RenderApp, RenderPlugin,
@@ -30,6 +31,7 @@ use crate::{
     render_graph::{
         extract::affine64,
         stats::{TerrainCounts, TerrainStats},
+        terrain::Caster,
         view::TerrainViews,
     },
     terrain::{
@@ -184,6 +186,14 @@ impl Offline {
             .world()
             .get_resource::<RenderAdapterInfo>()
             .map_or_else(|| "none".into(), |info| info.name.clone())
+    }
+
+    /// Whether the GPU is a software driver, on whose timestamps around compute passes nothing can be built.
+    pub fn is_software(&self) -> bool {
+        self.app
+            .world()
+            .get_resource::<RenderAdapterInfo>()
+            .is_some_and(|info| info.device_type == bevy::render::settings::DeviceType::Cpu)
     }
 
     /// An image cameras can draw to and that can be read back.
@@ -376,5 +386,46 @@ impl Offline {
             .get_resource::<DiagnosticsStore>()?
             .get(&DiagnosticPath::new(format!("render/{span}/elapsed_gpu")))?
             .value()
+    }
+
+    /// The same, if it came to the main world after `since`.
+    pub fn gpu_ms_since(&self, span: &str, since: Instant) -> Option<f64> {
+        let store = self.app.world().get_resource::<DiagnosticsStore>()?;
+        let path = DiagnosticPath::new(format!("render/{span}/elapsed_gpu"));
+        let newest = store.get(&path)?.measurement()?;
+        (newest.time >= since).then_some(newest.value)
+    }
+
+    /// Casts a camera's rays again, by themselves and waited for: times of subdivide, box_entry, beam and
+    /// ray_cast. units: ms
+    ///
+    /// Where a driver's timestamps around compute passes mean nothing (Mesa's software driver) this is what
+    /// can be trusted; it includes the time to submit each pass and wait for it.
+    pub fn time_cast(&self, camera: Entity) -> Option<[f64; 4]> {
+        let render = self.app.get_sub_app(RenderApp)?.world();
+        let view = self.views()?.views.get(&camera)?;
+        let cache = render.get_resource::<PipelineCache>()?;
+        let stats = render.get_resource::<TerrainStats>()?;
+        let device = render.get_resource::<RenderDevice>()?;
+        let queue = render.get_resource::<RenderQueue>()?;
+        let mut times = [0.0; 4];
+        for slot in view.drawn_slots() {
+            for (stage, time) in times.iter_mut().enumerate() {
+                let mut encoder = device.create_command_encoder(&default());
+                let mut caster =
+                    Caster { cache, stats, diagnostics: None, encoder: &mut encoder };
+                match stage {
+                    0 => caster.subdivide(slot),
+                    1 => caster.box_entry(slot, view),
+                    2 => caster.beam(slot),
+                    _ => caster.ray_cast(slot, view),
+                }
+                let start = Instant::now();
+                queue.submit([encoder.finish()]);
+                device.poll(PollType::wait_indefinitely()).ok()?;
+                *time += start.elapsed().as_secs_f64() * 1e3;
+            }
+        }
+        Some(times)
     }
 }

@@ -8,6 +8,7 @@ use bevy::{
     light::{AmbientLight, SunDisk},
     math::DVec3,
     pbr::{DistanceFog, FogFalloff},
+    platform::time::Instant,
     prelude::*,
 };
 use serde::Serialize;
@@ -22,9 +23,8 @@ const SKY: Color = Color::srgb(0.66, 0.77, 0.88);
 /// Distance at which the ground has all but faded, as a multiple of the field's longer side.
 const VISIBILITY_EXTENTS: f32 = 4.0;
 
-/// Passes whose GPU time makes up a picture, in their order.
-pub const PASSES: [&str; 6] =
-    ["subdivide", "box_entry", "beam", "ray_cast", "terrain_depth", "terrain_shade"];
+/// Passes that find where rays hit, in their order.
+pub const CAST_PASSES: [&str; 4] = ["subdivide", "box_entry", "beam", "ray_cast"];
 
 /// Where a picture is taken from, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -222,8 +222,10 @@ pub struct Figures {
     pub box_texels: u32,
     /// The error allowed. units: px
     pub max_error_px: f32,
-    /// GPU time of each pass that ran. units: ms
+    /// GPU time of each pass that casts rays. units: ms
     pub gpu_ms: BTreeMap<&'static str, f64>,
+    /// How `gpu_ms` was measured.
+    pub gpu_ms_by: Clock,
     /// Nodes and cells read for each pixel, on average.
     pub mean_reads: f64,
     /// Pixels that show terrain.
@@ -236,6 +238,30 @@ pub struct Figures {
     pub spacing_m: f32,
     /// Lowest and highest sample. units: m
     pub height_range_m: [f64; 2],
+}
+
+/// How a GPU time was measured.
+#[derive(Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum Clock {
+    /// Nothing ran.
+    #[default]
+    None,
+    /// The GPU's own timestamps around a pass.
+    Timestamps,
+    /// Each pass by itself, from its submission until it was done.
+    Wait,
+}
+
+impl Clock {
+    /// In words, for tables.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::None => "not measured",
+            Self::Timestamps => "the GPU's timestamps",
+            Self::Wait => "the wall clock, from a pass's submission until it was done",
+        }
+    }
 }
 
 /// A field, its light and one camera, in a headless app.
@@ -270,7 +296,7 @@ impl Stage {
         let to_sun = shot.sun.direction().as_vec3();
         let up = if to_sun.xz().length() < 1e-3 { Vec3::NEG_Z } else { Vec3::Y };
         world.spawn((
-            DirectionalLight { illuminance: 11_000.0, color: Color::srgb(1.0, 0.95, 0.87), ..default() },
+            DirectionalLight { illuminance: 5_200.0, color: Color::srgb(1.0, 0.95, 0.87), ..default() },
             SunDisk::OFF,
             Transform::IDENTITY.looking_to(-to_sun, up),
         ));
@@ -284,7 +310,7 @@ impl Stage {
                 Tonemapping::None,
                 shot.transform(),
                 shot.casting,
-                AmbientLight { color: Color::srgb(0.75, 0.86, 1.0), brightness: 1_100.0, ..default() },
+                AmbientLight { color: Color::srgb(0.75, 0.86, 1.0), brightness: 420.0, ..default() },
                 DistanceFog {
                     color: SKY,
                     falloff: FogFalloff::from_visibility(extent * VISIBILITY_EXTENTS),
@@ -313,6 +339,25 @@ impl Stage {
             (None, Some(reason)) => Err(OfflineError::Refused(reason)),
             (None, None) => Ok(()),
         }
+    }
+
+    /// Time of each pass that casts the rays of the view last drawn, and how it was measured. units: ms
+    ///
+    /// Draws one to three more frames.
+    pub fn gpu_ms(&mut self) -> (BTreeMap<&'static str, f64>, Clock) {
+        if self.offline.is_software() {
+            let times = self.offline.time_cast(self.camera);
+            let times = times.into_iter().flat_map(|times| CAST_PASSES.into_iter().zip(times));
+            return (times.filter(|(_, ms)| *ms > 0.0).collect(), Clock::Wait);
+        }
+        // A frame's timestamps reach the main world two frames later.
+        let asked = Instant::now();
+        for _ in 0..3 {
+            self.offline.step();
+        }
+        let ms = |pass| self.offline.gpu_ms_since(pass, asked);
+        let times = CAST_PASSES.into_iter().filter_map(|pass| Some((pass, ms(pass)?)));
+        (times.collect(), Clock::Timestamps)
     }
 
     /// The picture last drawn.
@@ -353,11 +398,8 @@ pub fn render(field: HeightField, shot: &Shot) -> Result<Rendered, RenderError> 
         .collect();
     let ground = || depth_m.iter().copied().filter(|depth| depth.is_finite());
     let depth_range_m = ground().reduce(f32::min).zip(ground().reduce(f32::max)).map(<[f32; 2]>::from);
-    let mut gpu_ms: BTreeMap<_, _> = PASSES
-        .iter()
-        .filter_map(|pass| Some((*pass, stage.offline.gpu_ms(pass)?)))
-        .collect();
-    gpu_ms.insert("total", gpu_ms.values().sum());
+    let picture = stage.picture()?;
+    let (gpu_ms, gpu_ms_by) = if rays.is_some() { stage.gpu_ms() } else { default() };
     let figures = Figures {
         size: shot.size.to_array(),
         adapter: stage.offline.adapter(),
@@ -365,6 +407,7 @@ pub fn render(field: HeightField, shot: &Shot) -> Result<Rendered, RenderError> 
         box_texels: shot.casting.box_texels,
         max_error_px: shot.casting.max_error_px,
         gpu_ms,
+        gpu_ms_by,
         mean_reads: hits.mean_reads(),
         terrain_px: hits.terrain_px(),
         depth_range_m,
@@ -372,5 +415,5 @@ pub fn render(field: HeightField, shot: &Shot) -> Result<Rendered, RenderError> 
         spacing_m,
         height_range_m: [lowest, highest],
     };
-    Ok(Rendered { picture: stage.picture()?, depth_m, hits, figures })
+    Ok(Rendered { picture, depth_m, hits, figures })
 }

@@ -234,11 +234,6 @@ struct Unused {
 }
 
 impl TerrainViews {
-    fn next_generation(&mut self) -> u64 {
-        self.generation += 1;
-        self.generation
-    }
-
     /// Bytes of all textures and buffers.
     fn bytes(&self) -> u64 {
         let pixels = |size: UVec2| u64::from(size.x) * u64::from(size.y);
@@ -605,6 +600,15 @@ impl TerrainSlot {
             levels: self.levels,
             generation: *generation,
         });
+    }
+
+    /// Texels of the view's box targets that this traversal draws to.
+    pub fn box_target_size(&self, view: &ViewTerrain) -> UVec2 {
+        let size = view.targets.as_ref().map_or(UVec2::ONE, |targets| targets.size);
+        match self.traversal {
+            Traversal::Hybrid => size.map(|n| n.div_ceil(TILE_PX)),
+            _ => size,
+        }
     }
 
     /// Levels the subdivision goes through, the root's included.

@@ -6,7 +6,7 @@
 //! terrain itself, wherever camera and terrain are.
 
 use bevy::math::{
-    DAffine3, DMat4, DVec2, DVec3, IVec2, IVec3, Mat4, UVec2, Vec2, Vec3, Vec4, Vec4Swizzles,
+    DAffine3, DMat4, DVec2, DVec3, IVec2, Mat4, UVec2, Vec2, Vec3, Vec4, Vec4Swizzles,
 };
 
 use super::HeightField;
@@ -192,7 +192,8 @@ impl ViewRays {
                 skip = skip.max(gap / speed);
             }
         }
-        let t_base = (near + 0.999 * skip) as f32;
+        // Rounded toward the camera, so that no ray starts beyond what it should have entered.
+        let t_base = near.max((near + skip) * (1.0 - 8.0 * UNIT_ROUNDOFF)) as f32;
         let base = f64::from(t_base);
         if base >= far {
             return None;
@@ -280,13 +281,12 @@ impl ViewRays {
             direction_dy: direction_dy.as_vec3(),
             t_base,
             t_far: ((far - base).min(f64::from(T_NEVER))) as f32,
-            depth: DMat4::IDENTITY.x_axis.as_vec4() * 0.0
-                + Vec4::new(
-                    (clip_from_view.w_axis.z - clip_from_view.z_axis.z * base) as f32,
-                    -clip_from_view.z_axis.z as f32,
-                    view.w(base) as f32,
-                    view.w_slope() as f32,
-                ),
+            depth: Vec4::new(
+                (clip_from_view.w_axis.z - clip_from_view.z_axis.z * base) as f32,
+                -clip_from_view.z_axis.z as f32,
+                view.w(base) as f32,
+                view.w_slope() as f32,
+            ),
             lod_a: lod_a as f32,
             lod_b: lod_b as f32,
             beam_a: (0.5 * (origin_dx.abs() + origin_dy.abs())).as_vec3(),
@@ -350,11 +350,6 @@ impl ViewRays {
             let slack = 1e-5 * (terms.abs().element_sum() + plane.w.abs());
             terms.element_sum() + plane.w >= -slack
         })
-    }
-
-    /// Whole cell and height that positions are relative to.
-    pub fn anchor(&self) -> IVec3 {
-        IVec3::new(self.anchor.x, self.anchor_y as i32, self.anchor.y)
     }
 }
 

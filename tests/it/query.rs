@@ -64,7 +64,7 @@ fn field(kind: Kind, size: UVec2, texel_m: f32, seed: u32) -> HeightField {
             }
         })
         .collect();
-    HeightField::from_u16(size, texel_m, (-1.0 * texel_m, 4.0 * texel_m), codes).unwrap()
+    HeightField::from_u16(size, texel_m, (-texel_m, 4.0 * texel_m), codes).unwrap()
 }
 
 // ---------------------------------------------------------------------------------------------

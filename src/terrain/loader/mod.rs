@@ -31,6 +31,7 @@ use self::settings::{Sidecar, resolve};
 use super::{
     height_field::{Changed, HeightField, HeightSamples},
     pyramid::{MinMaxPyramid, PyramidNodes},
+    query::{HeightFieldHit, HeightFieldHitF64, HitSide, TerrainHit},
 };
 
 /// The formats an elevation file can have, told by its extension.
@@ -261,6 +262,11 @@ impl Plugin for HeightFieldPlugin {
             .register_type::<PyramidNodes>()
             .register_type::<HeightFieldSettings>()
             .register_type::<VoidHandling>()
+            .register_type::<HeightFieldNote>()
+            .register_type::<HeightFieldHit>()
+            .register_type::<HeightFieldHitF64>()
+            .register_type::<HitSide>()
+            .register_type::<TerrainHit>()
             .init_asset::<HeightField>()
             .register_asset_reflect::<HeightField>()
             .init_asset_loader::<HeightFieldLoader>();
