@@ -193,7 +193,8 @@ impl Offline {
         self.app
             .world()
             .get_resource::<RenderAdapterInfo>()
-            .is_some_and(|info| info.device_type == bevy::render::settings::DeviceType::Cpu)
+            // Bevy exports `AdapterInfo` but not the type of this field.
+            .is_some_and(|info| format!("{:?}", info.device_type) == "Cpu")
     }
 
     /// An image cameras can draw to and that can be read back.

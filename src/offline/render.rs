@@ -14,7 +14,7 @@ use bevy::{
 use serde::Serialize;
 
 use super::{HitImage, Offline, OfflineError, traversal_name};
-use crate::terrain::{HeightField, Terrain, TerrainRayCasting};
+use crate::terrain::{HeightField, Terrain, TerrainRayCasting, Traversal};
 
 /// Frames to wait for a picture; loading and compiling take two.
 const MOST_FRAMES: u32 = 16;
@@ -25,6 +25,15 @@ const VISIBILITY_EXTENTS: f32 = 4.0;
 
 /// Passes that find where rays hit, in their order.
 pub const CAST_PASSES: [&str; 4] = ["subdivide", "box_entry", "beam", "ray_cast"];
+
+/// Whether a traversal has a pass of [`CAST_PASSES`] at all.
+pub fn has_pass(traversal: Traversal, pass: &str) -> bool {
+    match pass {
+        "subdivide" | "box_entry" => matches!(traversal, Traversal::Boxes | Traversal::Hybrid),
+        "beam" => traversal == Traversal::Hybrid,
+        _ => true,
+    }
+}
 
 /// Where a picture is taken from, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -345,10 +354,13 @@ impl Stage {
     ///
     /// Draws one to three more frames.
     pub fn gpu_ms(&mut self) -> (BTreeMap<&'static str, f64>, Clock) {
+        let casting = self.offline.app.world().get::<TerrainRayCasting>(self.camera);
+        let traversal = casting.copied().unwrap_or_default().traversal;
+        let runs = |pass: &&str| has_pass(traversal, pass);
         if self.offline.is_software() {
             let times = self.offline.time_cast(self.camera);
             let times = times.into_iter().flat_map(|times| CAST_PASSES.into_iter().zip(times));
-            return (times.filter(|(_, ms)| *ms > 0.0).collect(), Clock::Wait);
+            return (times.filter(|(pass, _)| runs(pass)).collect(), Clock::Wait);
         }
         // A frame's timestamps reach the main world two frames later.
         let asked = Instant::now();
@@ -356,7 +368,7 @@ impl Stage {
             self.offline.step();
         }
         let ms = |pass| self.offline.gpu_ms_since(pass, asked);
-        let times = CAST_PASSES.into_iter().filter_map(|pass| Some((pass, ms(pass)?)));
+        let times = CAST_PASSES.into_iter().filter(runs).filter_map(|pass| Some((pass, ms(pass)?)));
         (times.collect(), Clock::Timestamps)
     }
 
