@@ -11,6 +11,7 @@ use bevy::math::{DVec3, UVec2};
 use bevy_skyline::{
     offline::{
         TRAVERSALS,
+        accuracy::{AccuracyError, scene::mountains, terrain::{Plan, measure}},
         render::{Figures, RenderError, Shot, Sun, render},
     },
     terrain::{
@@ -18,7 +19,7 @@ use bevy_skyline::{
         Traversal, read_height_field,
     },
 };
-use clap::{Args, Parser, Subcommand, error::ErrorKind};
+use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use serde::Serialize;
 
 /// Ray-cast terrain: pictures, depth and what accuracy costs.
@@ -33,6 +34,32 @@ struct Cli {
 enum Command {
     /// Draw a height map to a PNG, and its depth to a file if asked.
     Render(RenderArgs),
+    /// Measure what accuracy costs: time and error of every setting, with plots and a page that shows them.
+    Accuracy(AccuracyArgs),
+}
+
+#[derive(Args)]
+struct AccuracyArgs {
+    /// What to measure.
+    effect: AccuracyEffect,
+    /// Few settings and small pictures: seconds rather than minutes.
+    #[arg(long)]
+    quick: bool,
+    /// 16-bit PNG or TIFF, float TIFF, SRTM .hgt or raw 16-bit; else terrain made by code.
+    #[arg(long, value_name = "F")]
+    heightmap: Option<PathBuf>,
+    #[command(flatten)]
+    scale: HeightMapArgs,
+    /// Directory to write to; made if it is not there.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// Effects that this version has.
+#[derive(ValueEnum, Clone, Copy)]
+enum AccuracyEffect {
+    /// Terrain ray casting (P1).
+    Terrain,
 }
 
 #[derive(Args)]
@@ -99,6 +126,8 @@ enum CliError {
     Write { path: PathBuf, reason: String },
     #[error(transparent)]
     Render(#[from] RenderError),
+    #[error(transparent)]
+    Accuracy(#[from] AccuracyError),
 }
 
 impl CliError {
@@ -106,6 +135,7 @@ impl CliError {
     fn exit_code(&self) -> u8 {
         match self {
             Self::Render(error) if !error.is_input() => 1,
+            Self::Accuracy(error) if !error.is_input() => 1,
             _ => 2,
         }
     }
@@ -142,7 +172,30 @@ fn run() -> Result<(), CliError> {
     };
     match cli.command {
         Command::Render(args) => run_render(&args),
+        Command::Accuracy(args) => run_accuracy(&args),
     }
+}
+
+fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
+    let AccuracyEffect::Terrain = args.effect;
+    let plan = if args.quick { Plan::quick() } else { Plan::full() };
+    let (field, name) = match &args.heightmap {
+        Some(path) => {
+            let stem = path.file_stem().unwrap_or(path.as_os_str());
+            (read(path, &args.scale)?, stem.to_string_lossy().into_owned())
+        }
+        None => {
+            if args.scale.spacing.is_some() || args.scale.height_range.is_some() {
+                return Err(CliError::Usage(
+                    "--spacing and --height-range say how to read a --heightmap, and none is given".into(),
+                ));
+            }
+            let samples = if args.quick { 257 } else { 1025 };
+            (mountains(samples).map_err(AccuracyError::from)?, "made_by_code".to_owned())
+        }
+    };
+    print_json(&measure(field, &name, &plan, &args.out)?);
+    Ok(())
 }
 
 fn run_render(args: &RenderArgs) -> Result<(), CliError> {

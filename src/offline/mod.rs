@@ -1,5 +1,8 @@
 //! Bevy without a window, driven frame by frame: what the `skyline` command and the tests stand on.
 
+pub mod accuracy;
+pub mod glyphs;
+pub mod plot;
 pub mod render;
 
 use std::time::Duration;
@@ -10,7 +13,7 @@ use bevy::{
     camera::RenderTarget,
     diagnostic::{DiagnosticPath, DiagnosticsStore},
     image::Image,
-    log::{Level, LogPlugin},
+    log::{DEFAULT_FILTER, Level, LogPlugin},
     platform::time::Instant,
     prelude::*,
     render::{
@@ -124,8 +127,12 @@ pub fn headless_plugins() -> impl PluginGroup {
             exit_condition: ExitCondition::DontExit,
             ..default()
         })
-        // Progress is ours to report; RUST_LOG still asks for more.
-        .set(LogPlugin { level: Level::WARN, ..default() })
+        // Progress is ours to report, the adapter too; RUST_LOG still asks for more.
+        .set(LogPlugin {
+            level: Level::WARN,
+            filter: format!("{DEFAULT_FILTER}bevy_render::renderer=error"),
+            ..default()
+        })
         .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
         .set(AssetPlugin { unapproved_path_mode: UnapprovedPathMode::Allow, ..default() })
         .disable_winit()

@@ -305,7 +305,7 @@ impl Stage {
         let to_sun = shot.sun.direction().as_vec3();
         let up = if to_sun.xz().length() < 1e-3 { Vec3::NEG_Z } else { Vec3::Y };
         world.spawn((
-            DirectionalLight { illuminance: 5_200.0, color: Color::srgb(1.0, 0.95, 0.87), ..default() },
+            DirectionalLight { illuminance: 6_500.0, color: Color::srgb(1.0, 0.95, 0.87), ..default() },
             SunDisk::OFF,
             Transform::IDENTITY.looking_to(-to_sun, up),
         ));
@@ -319,7 +319,7 @@ impl Stage {
                 Tonemapping::None,
                 shot.transform(),
                 shot.casting,
-                AmbientLight { color: Color::srgb(0.75, 0.86, 1.0), brightness: 420.0, ..default() },
+                AmbientLight { color: Color::srgb(0.75, 0.86, 1.0), brightness: 560.0, ..default() },
                 DistanceFog {
                     color: SKY,
                     falloff: FogFalloff::from_visibility(extent * VISIBILITY_EXTENTS),
@@ -328,6 +328,17 @@ impl Stage {
             ),
         );
         Ok(Self { offline, terrain, camera, target })
+    }
+
+    /// Points the camera; the picture's size stays.
+    pub fn look(&mut self, shot: &Shot) {
+        let mut camera = self.offline.app.world_mut().entity_mut(self.camera);
+        camera.insert((shot.transform(), shot.casting));
+    }
+
+    /// Sets how rays are cast.
+    pub fn cast(&mut self, casting: TerrainRayCasting) {
+        self.offline.app.world_mut().entity_mut(self.camera).insert(casting);
     }
 
     /// Draws until the picture is there.
