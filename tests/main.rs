@@ -10,3 +10,6 @@ mod query;
 mod terrain_scenes;
 #[path = "it/twin.rs"]
 mod twin;
+#[cfg(feature = "cli")]
+#[path = "it/cli.rs"]
+mod cli;

@@ -3,11 +3,7 @@
 use std::path::Path;
 
 use bevy::math::UVec2;
-use plotters::{
-    coord::Shift,
-    prelude::*,
-    style::full_palette::{GREY_300, GREY_600},
-};
+use plotters::{coord::Shift, prelude::*};
 
 use super::glyphs;
 
@@ -22,6 +18,9 @@ pub struct PlotError {
 }
 
 type Canvas<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
+
+const GREY_300: RGBColor = RGBColor(224, 224, 224);
+const GREY_600: RGBColor = RGBColor(96, 96, 96);
 
 /// Colours that the colour-blind can tell apart (Okabe and Ito 2008).
 const COLOURS: [RGBColor; 6] = [
