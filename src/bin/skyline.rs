@@ -179,10 +179,11 @@ fn run() -> Result<(), CliError> {
 fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     let AccuracyEffect::Terrain = args.effect;
     let plan = if args.quick { Plan::quick() } else { Plan::full() };
-    let (field, name) = match &args.heightmap {
+    let (field, notes, name) = match &args.heightmap {
         Some(path) => {
             let stem = path.file_stem().unwrap_or(path.as_os_str());
-            (read(path, &args.scale)?, stem.to_string_lossy().into_owned())
+            let (field, notes) = read(path, &args.scale)?;
+            (field, notes, stem.to_string_lossy().into_owned())
         }
         None => {
             if args.scale.spacing.is_some() || args.scale.height_range.is_some() {
@@ -191,10 +192,15 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
                 ));
             }
             let samples = if args.quick { 257 } else { 1025 };
-            (mountains(samples).map_err(AccuracyError::from)?, "made_by_code".to_owned())
+            let field = mountains(samples).map_err(AccuracyError::from)?;
+            (field, Vec::new(), "made_by_code".to_owned())
         }
     };
-    print_json(&measure(field, &name, &plan, &args.out)?);
+    let summary = measure(field, &name, &plan, &args.out)?;
+    if let Some(path) = &args.heightmap {
+        tell(path, notes);
+    }
+    print_json(&summary);
     Ok(())
 }
 
@@ -215,8 +221,9 @@ fn run_render(args: &RenderArgs) -> Result<(), CliError> {
     shot.check()?;
     check_writable(&args.out)?;
     args.depth.as_deref().map_or(Ok(()), check_writable)?;
-    let field = read(&args.heightmap, &args.scale)?;
+    let (field, notes) = read(&args.heightmap, &args.scale)?;
     let rendered = render(field, &shot)?;
+    tell(&args.heightmap, notes);
     rendered
         .picture
         .save_with_format(&args.out, image::ImageFormat::Png)
@@ -234,20 +241,27 @@ fn run_render(args: &RenderArgs) -> Result<(), CliError> {
     Ok(())
 }
 
-fn read(path: &Path, scale: &HeightMapArgs) -> Result<HeightField, CliError> {
+fn read(
+    path: &Path,
+    scale: &HeightMapArgs,
+) -> Result<(HeightField, Vec<HeightFieldNote>), CliError> {
     let settings = HeightFieldSettings {
         texel_m: scale.spacing,
         height_range_m: scale.height_range,
         ..Default::default()
     };
-    let (field, notes) = read_height_field(path, &settings).map_err(|source| {
+    read_height_field(path, &settings).map_err(|source| {
         // Its text names the file itself.
         if let HeightFieldLoadError::Read { .. } = source {
             CliError::Usage(source.to_string())
         } else {
             CliError::HeightMap { path: path.to_owned(), source }
         }
-    })?;
+    })
+}
+
+/// Says what had to be assumed; after the work, so that an error stands alone.
+fn tell(path: &Path, notes: Vec<HeightFieldNote>) {
     for note in notes {
         match note {
             HeightFieldNote::Assumed { texel_m, height_range_m } => {
@@ -263,7 +277,6 @@ fn read(path: &Path, scale: &HeightMapArgs) -> Result<HeightField, CliError> {
             note => eprintln!("skyline: {}: {note}", path.display()),
         }
     }
-    Ok(field)
 }
 
 /// Whether a file can be made there, as far as can be told without making it.

@@ -262,6 +262,12 @@ impl Offline {
         self.app.world().get_resource::<TerrainStats>().map_or_else(default, |s| s.lock().clone())
     }
 
+    /// Boxes the last frame's subdivision of a terrain asked for, and how many there was room for.
+    pub fn boxes(&self, camera: Entity, terrain: Entity) -> Option<(u64, u64)> {
+        let lists = self.views()?.views.get(&camera)?.slots.get(&terrain)?.lists.as_ref()?;
+        Some((lists.readback.latest(), u64::from(lists.capacity)))
+    }
+
     /// The most pixels an image may have a side.
     pub fn max_image_side(&self) -> u32 {
         let device = self.app.world().get_resource::<RenderDevice>();

@@ -6,8 +6,8 @@ use crate::terrain::{HeightField, HeightFieldError};
 
 /// Heights of the built-in field. units: m
 const RANGE_M: (f32, f32) = (0.0, 3_000.0);
-/// Metres between its samples.
-const TEXEL_M: f32 = 30.0;
+/// How far it reaches, whatever the number of samples. units: m
+const EXTENT_M: f32 = 30_720.0;
 
 /// A range of mountains over a plain, `samples` a side: the same on every machine.
 ///
@@ -15,7 +15,8 @@ const TEXEL_M: f32 = 30.0;
 /// Fewer than two samples.
 pub fn mountains(samples: u32) -> Result<HeightField, HeightFieldError> {
     let per_sample = 6.0 / samples.max(2) as f32;
-    HeightField::from_fn(UVec2::splat(samples), TEXEL_M, RANGE_M, |column, row| {
+    let texel_m = EXTENT_M / samples.saturating_sub(1).max(1) as f32;
+    HeightField::from_fn(UVec2::splat(samples), texel_m, RANGE_M, |column, row| {
         let at = Vec2::new(column as f32, row as f32) * per_sample;
         let lie = 0.5 + 0.5 * fractal(at * 0.5 + 31.7, 3, |n| n);
         let ridges = fractal(at, 9, |n| 1.0 - 2.0 * n.abs());

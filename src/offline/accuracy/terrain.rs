@@ -306,7 +306,7 @@ fn measure_view(
             stage.offline.step();
         }
         let first_s = begin.elapsed().as_secs_f64();
-        let boxes = if setting.box_texels.is_some() { Some(settle_boxes(stage)) } else { None };
+        let boxes = setting.box_texels.and_then(|_| settle_boxes(stage));
         let (times, time_by) = stage.gpu_ms();
         slow[index] = first_s > SLOW_S || times.values().sum::<f64>() > SLOW_S * 1e3;
         if slow[index] {
@@ -324,7 +324,7 @@ fn measure_view(
             && (casting.max_error_px == MAX_ERROR_PX || casting.traversal == Traversal::PerTexel)
         {
             heat.push((
-                format!("{}: {:.1} reads a pixel", letter(casting.traversal), hits.mean_reads()),
+                format!("{}, mean {:.1}", letter(casting.traversal), hits.mean_reads()),
                 hits.reads().collect(),
             ));
         }
@@ -367,17 +367,17 @@ fn measure_view(
     Ok(Measured { lines, heat, exact })
 }
 
-/// Draws until the box list has room for its boxes; returns their number.
-fn settle_boxes(stage: &mut Stage) -> u64 {
-    let mut counts = stage.offline.counts();
+/// Draws more frames, if it must, until the box list has room for its boxes; returns their number.
+fn settle_boxes(stage: &mut Stage) -> Option<u64> {
     for _ in 0..BOX_FRAMES {
-        stage.offline.step();
-        counts = stage.offline.counts();
-        if counts.boxes > 0 && counts.boxes <= counts.box_capacity {
-            break;
+        if let Some((boxes, capacity)) = stage.offline.boxes(stage.camera, stage.terrain)
+            && (1..=capacity).contains(&boxes)
+        {
+            return Some(boxes);
         }
+        stage.offline.step();
     }
-    counts.boxes
+    None
 }
 
 /// P1's name of a traversal.
