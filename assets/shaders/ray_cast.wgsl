@@ -32,7 +32,10 @@ struct TileStart {
 #endif
 
 @compute @workgroup_size(8, 8, 1)
-fn ray_cast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) tile: vec3<u32>) {
+fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) tile: vec3<u32>) {
+    // Invocations that run in step (8 and more) take a compact block of pixels: their rays go the same way.
+    let in_tile = vec2(((local >> 3u) & 1u) * 4u + (local & 3u), (local >> 4u) * 2u + ((local >> 2u) & 1u));
+    let id = tile.xy * 8u + in_tile;
     if any(id.xy >= view.size_px) {
         return;
     }

@@ -4,12 +4,18 @@
 mod height_field;
 mod loader;
 mod pyramid;
+mod query;
 pub mod view_rays;
 
 use bevy::{camera::visibility::Visibility, prelude::*};
 
 pub use height_field::{Changed as HeightFieldChanged, HeightField, HeightFieldError, HeightSamples};
-pub use pyramid::MinMaxPyramid;
+pub use loader::{
+    HeightFieldLoadError, HeightFieldLoader, HeightFieldNote, HeightFieldPlugin, HeightFieldSettings,
+    VoidHandling, decode_height_field, read_height_field,
+};
+pub use pyramid::{MinMaxPyramid, PyramidNodes};
+pub use query::{HeightFieldHit, HeightFieldHitF64, HitSide, TerrainHit, TerrainQuery};
 
 /// Shows a height field as terrain, ray cast through the subdivided bounding boxes of P1.
 ///
@@ -141,7 +147,9 @@ pub enum Traversal {
 }
 
 pub(crate) fn register(app: &mut App) {
-    app.init_asset::<HeightField>();
+    if !app.is_plugin_added::<HeightFieldPlugin>() {
+        app.add_plugins(HeightFieldPlugin);
+    }
     app.register_type::<Terrain>()
         .register_type::<TerrainLook>()
         .register_type::<TerrainColour>()
@@ -149,9 +157,3 @@ pub(crate) fn register(app: &mut App) {
         .register_type::<Traversal>();
 }
 
-impl Terrain {
-    /// Shows `height_field`.
-    pub fn new(height_field: Handle<HeightField>) -> Self {
-        Self { height_field }
-    }
-}
