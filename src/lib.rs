@@ -48,7 +48,8 @@ pub mod prelude {
         effects::{Activity, Effect, EffectState, Effects},
         plugin::{EffectsPlugin, SkylinePlugins, TerrainPlugin},
         terrain::{
-            HeightField, Terrain, TerrainColour, TerrainLook, TerrainRayCasting, Traversal,
+            HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour, TerrainHit,
+            TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,
         },
     };
 }

@@ -1,15 +1,33 @@
-//! The one integration-test binary.
+//! The one integration-test binary. Tests that draw need a Vulkan device, a software one will do, and the
+//! features `cli` and `window` as `scripts/test.sh` sets them.
 
+#[cfg(feature = "cli")]
+#[path = "it/cli.rs"]
+mod cli;
+#[path = "it/data.rs"]
+mod data;
 #[path = "it/height_field.rs"]
 mod height_field;
 #[path = "it/loader.rs"]
 mod loader;
 #[path = "it/query.rs"]
 mod query;
+#[cfg(feature = "cli")]
+#[path = "it/ray_cast.rs"]
+mod ray_cast;
 #[path = "it/terrain_scenes.rs"]
 mod terrain_scenes;
 #[path = "it/twin.rs"]
 mod twin;
+
+/// A headless app, or `None` with the reason printed where this machine has no device at all.
 #[cfg(feature = "cli")]
-#[path = "it/cli.rs"]
-mod cli;
+fn device() -> Option<bevy_skyline::offline::Offline> {
+    match bevy_skyline::offline::Offline::new() {
+        Ok(offline) => Some(offline),
+        Err(reason) => {
+            println!("skipped: {reason}");
+            None
+        }
+    }
+}

@@ -1,17 +1,19 @@
-// One beam for each tile of 8 x 8 rays: walks the pyramid until the surface might touch any of the tile's
-// rays, and says how far all of them may go blindly.
+// One beam for each tile of rays: walks the pyramid until the surface might touch any of the tile's rays, and
+// says how far all of them may go blindly. Twice: from the boxes' entry for tiles of 16 x 16 pixels, then from
+// where those ended for tiles of 4 x 4 (`FINE`).
 //
 // At t the rays of a tile lie within `ray of the tile's middle +- beam(t)`, a box that grows linearly. A step
 // takes the 2 x 2 nodes around that box; while the lowest ray stays above the highest of them the beam
 // moves on to where the box first leaves them. It stops, always on the near side, where the nodes have become
 // as small as the beam is wide.
 //
-// In:  `box_entry`, one texel a tile. Out: `tile_start`, t and level; t < 0 where no ray of the tile can hit.
+// In:  `box_entry`, one texel a coarse tile; `coarse_start`, for the fine ones. Out: `tile_start`, t and level;
+//      t < 0 where no ray of the tile can hit.
 
 #import bevy_skyline::boxes::BOX_COUNT
 #import bevy_skyline::height_field::{level_size, node_range, view}
 #import bevy_skyline::rays::{Ray, height_guard, height_of, ray_at}
-#import bevy_skyline::types::{FLAG_NO_BEAM, FLAG_STARTS_IN_AIR, T_NEVER, UNIT_ROUNDOFF}
+#import bevy_skyline::types::{FLAG_STARTS_IN_AIR, T_NEVER, UNIT_ROUNDOFF}
 
 struct TileStart {
     t: f32,
@@ -21,11 +23,20 @@ struct TileStart {
 @group(1) @binding(0) var<storage, read_write> tile_start: array<TileStart>;
 @group(1) @binding(1) var box_entry: texture_2d<f32>;
 @group(1) @binding(2) var<storage, read> box_counts: array<u32>;
+@group(1) @binding(3) var<storage, read> coarse_start: array<TileStart>;
+
+/// Side of a tile. units: px
+#ifdef FINE
+const TILE_PX: u32 = 4u;
+#else
+const TILE_PX: u32 = 16u;
+#endif
+const COARSE_PX: u32 = 16u;
 
 const MAX_STEPS: u32 = 256u;
 
 fn half_width(t: f32) -> vec3<f32> {
-    return 8.0 * (view.beam_a + view.beam_b * t) + view.beam_slack;
+    return f32(TILE_PX) * (view.beam_a + view.beam_b * t) + view.beam_slack;
 }
 
 /// The smallest level at which 2 x 2 nodes can hold a box of this half width.
@@ -36,7 +47,7 @@ fn level_for(half: vec3<f32>) -> u32 {
 
 @compute @workgroup_size(8, 8, 1)
 fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
-    let tiles = (view.size_px + 7u) / 8u;
+    let tiles = (view.size_px + TILE_PX - 1u) / TILE_PX;
     if any(id.xy >= tiles) {
         return;
     }
@@ -46,22 +57,26 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     var t = 0.0;
+    var k = view.levels;
+#ifdef FINE
+    let coarse_tiles = (view.size_px + COARSE_PX - 1u) / COARSE_PX;
+    let coarse = id.xy * TILE_PX / COARSE_PX;
+    let start = coarse_start[coarse.y * coarse_tiles.x + coarse.x];
+    t = start.t;
+    k = start.level;
+#else
     if box_counts[BOX_COUNT] <= view.box_capacity {
         t = textureLoad(box_entry, id.xy, 0).x;
-        if t < 0.0 {
-            tile_start[index] = TileStart(-1.0, 0u);
-            return;
-        }
     }
-    let ray = ray_at(8.0 * (vec2<f32>(id.xy) + 0.5));
-    var k = view.levels;
-    if (view.flags & FLAG_NO_BEAM) != 0u {
-        tile_start[index] = TileStart(t, k);
+    k = level_for(half_width(max(t, 0.0))) + 2u;
+#endif
+    if t < 0.0 {
+        tile_start[index] = TileStart(-1.0, 0u);
         return;
     }
-    k = level_for(half_width(t));
-    k = min(k + 2u, view.levels);
-    let spread = 8.0 * view.beam_b;
+    k = min(k, view.levels);
+    let ray = ray_at(f32(TILE_PX) * (vec2<f32>(id.xy) + 0.5));
+    let spread = f32(TILE_PX) * view.beam_b;
     for (var step = 0u; step < MAX_STEPS; step++) {
         let half = half_width(t);
         let smallest = level_for(half);

@@ -69,6 +69,11 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
         at = vec4(0.0, -1.0, 0.0, 0.0);
     }
     out.position = view.clip_from_grid * at;
+    // Whole tiles reach past the viewport's right and lower edges.
+    let tiles = (view.size_px + view.tile_px - 1u) / view.tile_px;
+    let scale = vec2<f32>(view.size_px) / vec2<f32>(tiles * view.tile_px);
+    out.position.x = (out.position.x + out.position.w) * scale.x - out.position.w;
+    out.position.y = out.position.w - (out.position.w - out.position.y) * scale.y;
     // Only what is behind the camera may be clipped: the far plane must not open a box.
     out.position.z = 0.5 * out.position.w;
     return out;

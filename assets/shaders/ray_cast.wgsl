@@ -15,6 +15,9 @@
 #import bevy_skyline::boxes::BOX_COUNT
 #import bevy_skyline::traverse::{Levels, cast_ray, emerge, pixel_level}
 
+/// Side of the tiles that the finer beams stand for. units: px
+const BEAM_PX: u32 = 4u;
+
 struct TileStart {
     /// No ray of the tile meets the surface before this t; negative if none does at all.
     t: f32,
@@ -32,7 +35,10 @@ struct TileStart {
 #endif
 
 @compute @workgroup_size(8, 8, 1)
-fn ray_cast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) tile: vec3<u32>) {
+fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) tile: vec3<u32>) {
+    // Invocations that run in step (8 and more) take a compact block of pixels: their rays go the same way.
+    let in_tile = vec2(((local >> 3u) & 1u) * 4u + (local & 3u), (local >> 4u) * 2u + ((local >> 2u) & 1u));
+    let id = tile.xy * 8u + in_tile;
     if any(id.xy >= view.size_px) {
         return;
     }
@@ -54,8 +60,8 @@ fn ray_cast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id)
     var levels = Levels(0u, 0u, false);
     var starts = true;
     if view.traversal == TRAVERSAL_HYBRID {
-        let tiles_x = (view.size_px.x + 7u) / 8u;
-        let start = tile_start[tile.y * tiles_x + tile.x];
+        let tiles_x = (view.size_px.x + BEAM_PX - 1u) / BEAM_PX;
+        let start = tile_start[(id.y / BEAM_PX) * tiles_x + id.x / BEAM_PX];
         starts = starts && start.t >= 0.0;
         levels = Levels(start.level, view.levels, false);
         t_start = max(t_start, start.t);

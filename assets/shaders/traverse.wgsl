@@ -33,79 +33,103 @@ fn pixel_level(t: f32) -> u32 {
     return u32(clamp(floor(log2(max(texels, 1.0))), 0.0, f32(view.levels)));
 }
 
+/// Where a ray is on its way: in the node of level k that holds `cell`, since t.
+struct Place {
+    cell: vec2<i32>,
+    k: u32,
+    t: f32,
+};
+
+/// Borders by which a ray leaves its node, and when.
+struct Exit {
+    border: vec2<i32>,
+    t: vec2<f32>,
+};
+
+fn exit_of(ray: Ray, place: Place) -> Exit {
+    let border = ((place.cell >> vec2(place.k)) + ray.ahead) << vec2(place.k);
+    return Exit(border, border_t(ray, border));
+}
+
+/// Moves on to the next node, a level up where the border just crossed bounds larger nodes too. Returns
+/// whether there is one that matters.
+fn move_on(ray: Ray, place: ptr<function, Place>, exit: Exit, t_stop: f32, highest: u32) -> bool {
+    let t = max((*place).t, min(exit.t.x, exit.t.y));
+    let k = (*place).k;
+    let cell = next_cell(ray, (*place).cell, k, exit.t);
+    let crossed = u32(select(exit.border.y, exit.border.x, exit.t.x <= exit.t.y));
+    (*place).t = t;
+    (*place).cell = cell;
+    (*place).k = min(k + select(0u, 1u, ((crossed >> k) & 1u) == 0u), highest);
+    let past = any(cell < vec2(0)) || any(cell >= view.cells) || t >= t_stop;
+    return !past;
+}
+
 /// Where the ray next comes from the air to the surface, or enters the footprint below it, at or after
 /// `t_start`, where it is in the air or at the footprint's border. Nothing at or beyond `t_stop` is looked
 /// for. The ray must be within the footprint from `t_start` to `t_stop`.
+///
+/// Nodes first, until a cell is reached, then cells: invocations that run in step meet at the cells, which
+/// cost the most.
 fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
     var hit = Hit(T_NEVER, 0u);
-    var cell = cell_at(ray, t_start);
-    var t = t_start;
-    var k = levels.start;
-    let ahead = ray.ahead;
+    var place = Place(cell_at(ray, t_start), levels.start, t_start);
+    var highest = levels.highest;
+    var going = true;
     loop {
-        let node = cell >> vec2(k);
-        let border = (node + ahead) << vec2(k);
-        let leave = border_t(ray, border);
-        let t_leave = min(leave.x, leave.y);
-        var passed = true;
-        if k > 0u {
+        while going && place.k > 0u {
+            let exit = exit_of(ray, place);
+            let t_leave = min(exit.t.x, exit.t.y);
+            let range = node_range(place.k, place.cell >> vec2(place.k));
             hit.reads += 1u;
-            let range = node_range(k, node);
-            let low = min(height_of(ray, t), height_of(ray, t_leave));
-            if low <= range.x + height_guard(ray, min(t_leave, t_stop)) {
-                // Near enough to its surface to matter. May its middle height stand for it?
-                if range.x - range.y <= 2.0 * (view.lod_a + view.lod_b * t) && view.lod_a + view.lod_b * t > 0.0 {
-                    let middle = 0.5 * (range.x + range.y);
-                    if height_of(ray, t) <= middle {
-                        hit.t = t;
-                    } else if height_of(ray, t_leave) <= middle {
-                        hit.t = clamp((middle - ray.origin.y) / ray.direction.y, t, t_leave);
-                    }
-                } else {
-                    passed = false;
+            let low = min(height_of(ray, place.t), height_of(ray, t_leave));
+            if low > range.x + height_guard(ray, min(t_leave, t_stop)) {
+                if levels.follow_pixel {
+                    highest = pixel_level(t_leave);
                 }
+                going = move_on(ray, &place, exit, t_stop, highest)
+                    && (ray.direction.y < 0.0
+                        || height_of(ray, place.t) <= view.y_max + height_guard(ray, place.t));
+                continue;
             }
-        } else {
-            hit.reads += 1u;
-            let corners = cell_corners(cell);
-            let above = above_cell(ray, cell, corners);
-            if !clears_cell(ray, above, corners) {
-                var s = 0.0;
-                if above.c > 0.0 {
-                    s = first_fall(above.c, above.b, above.a);
-                }
-                if s <= above.s_max {
-                    hit.t = above.t_in + s;
-                }
+            // Near enough to its surface to matter. May its middle height stand for it?
+            let allowed = view.lod_a + view.lod_b * place.t;
+            if allowed <= 0.0 || range.x - range.y > 2.0 * allowed {
+                place.k -= 1u;
+                continue;
+            }
+            let middle = 0.5 * (range.x + range.y);
+            if height_of(ray, place.t) <= middle {
+                hit.t = place.t;
+                return hit;
+            }
+            if height_of(ray, t_leave) <= middle {
+                hit.t = clamp((middle - ray.origin.y) / ray.direction.y, place.t, t_leave);
+                return hit;
+            }
+            going = move_on(ray, &place, exit, t_stop, highest);
+        }
+        if !going {
+            return hit;
+        }
+        let exit = exit_of(ray, place);
+        let corners = cell_corners(place.cell);
+        hit.reads += 1u;
+        let above = above_cell(ray, place.cell, corners);
+        if !clears_cell(ray, above, corners) {
+            var s = 0.0;
+            if above.c > 0.0 {
+                s = first_fall(above.c, above.b, above.a);
+            }
+            if s <= above.s_max {
+                hit.t = above.t_in + s;
+                return hit;
             }
         }
-        if hit.t < T_NEVER {
-            break;
-        }
-        if !passed {
-            k -= 1u;
-            continue;
-        }
-        // On to the next node.
-        t = max(t, t_leave);
-        if t >= t_stop || (ray.direction.y >= 0.0 && height_of(ray, t) > view.y_max + height_guard(ray, t)) {
-            break;
-        }
-        let x_first = leave.x <= leave.y;
-        cell = next_cell(ray, cell, k, leave);
-        if any(cell < vec2(0)) || any(cell >= view.cells) {
-            break;
-        }
-        // Up while the border just crossed bounds larger nodes too.
-        var highest = levels.highest;
         if levels.follow_pixel {
-            highest = pixel_level(t);
+            highest = pixel_level(min(exit.t.x, exit.t.y));
         }
-        let crossed = u32(select(border.y, border.x, x_first));
-        if k < highest && ((crossed >> k) & 1u) == 0u {
-            k += 1u;
-        }
-        k = min(k, highest);
+        going = move_on(ray, &place, exit, t_stop, highest);
     }
     return hit;
 }
@@ -121,24 +145,22 @@ struct Emergence {
 
 fn emerge(ray: Ray, t_stop: f32) -> Emergence {
     var out = Emergence(T_NEVER, T_NEVER, 0u);
-    var cell = cell_at(ray, 0.0);
-    var t = 0.0;
-    var k = select(view.levels, 0u, view.traversal == TRAVERSAL_PER_TEXEL);
-    let highest = k;
-    loop {
-        let node = cell >> vec2(k);
-        let border = (node + ray.ahead) << vec2(k);
-        let leave = border_t(ray, border);
-        let t_leave = min(leave.x, leave.y);
+    let highest = select(view.levels, 0u, view.traversal == TRAVERSAL_PER_TEXEL);
+    var place = Place(cell_at(ray, 0.0), highest, 0.0);
+    var going = true;
+    while going {
+        let exit = exit_of(ray, place);
+        let t_leave = min(exit.t.x, exit.t.y);
         out.reads += 1u;
-        if k > 0u {
-            let high = max(height_of(ray, t), height_of(ray, t_leave));
-            if high >= node_range(k, node).y - height_guard(ray, min(t_leave, t_stop)) {
-                k -= 1u;
+        if place.k > 0u {
+            let high = max(height_of(ray, place.t), height_of(ray, t_leave));
+            let low = node_range(place.k, place.cell >> vec2(place.k)).y;
+            if high >= low - height_guard(ray, min(t_leave, t_stop)) {
+                place.k -= 1u;
                 continue;
             }
         } else {
-            let above = above_cell(ray, cell, cell_corners(cell));
+            let above = above_cell(ray, place.cell, cell_corners(place.cell));
             var s = 0.0;
             if above.c <= 0.0 {
                 s = first_rise(above.c, above.b, above.a);
@@ -161,19 +183,7 @@ fn emerge(ray: Ray, t_stop: f32) -> Emergence {
                 return out;
             }
         }
-        t = max(t, t_leave);
-        if t >= t_stop {
-            return out;
-        }
-        let x_first = leave.x <= leave.y;
-        cell = next_cell(ray, cell, k, leave);
-        if any(cell < vec2(0)) || any(cell >= view.cells) {
-            return out;
-        }
-        let crossed = u32(select(border.y, border.x, x_first));
-        if k < highest && ((crossed >> k) & 1u) == 0u {
-            k += 1u;
-        }
+        going = move_on(ray, &place, exit, t_stop, highest);
     }
     return out;
 }

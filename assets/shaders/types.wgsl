@@ -87,8 +87,6 @@ const FLAG_FIRST: u32 = 4u;
 const FLAG_DEPTH_DRAWN: u32 = 8u;
 /// Grid space is mirrored against view space, so that faces wind the other way.
 const FLAG_MIRRORED: u32 = 16u;
-/// Skip the beam and start at the boxes' entry: for measuring what beams save.
-const FLAG_NO_BEAM: u32 = 32u;
 
 const TRAVERSAL_PER_TEXEL: u32 = 0u;
 const TRAVERSAL_MAX_MIP: u32 = 1u;

@@ -40,7 +40,7 @@ pub enum PipelineKey {
     HeightMips { float: bool },
     Subdivide { float: bool },
     BoxEntry { float: bool },
-    Beam { float: bool },
+    Beam { float: bool, fine: bool },
     RayCast { float: bool, stop_at_depth: bool },
     TerrainDepth { float: bool, samples: u32, normal: bool, motion: bool },
     TerrainShade { float: bool, mesh: MeshPipelineKey },
@@ -151,6 +151,7 @@ impl TerrainPipelines {
                         storage_buffer_sized(false, None),
                         unfiltered(),
                         storage_buffer_read_only_sized(false, None),
+                        storage_buffer_read_only_sized(false, None),
                     ),
                 ),
             ),
@@ -255,12 +256,18 @@ impl TerrainPipelines {
                 vec![self.field(float).clone(), self.subdivide.clone()],
                 field_defs(float, 0),
             ),
-            PipelineKey::Beam { float } => compute(
-                "beam",
-                &shaders.beam,
-                vec![self.field(float).clone(), self.beam.clone()],
-                field_defs(float, 0),
-            ),
+            PipelineKey::Beam { float, fine } => {
+                let mut defs = field_defs(float, 0);
+                if fine {
+                    defs.push("FINE".into());
+                }
+                compute(
+                    "beam",
+                    &shaders.beam,
+                    vec![self.field(float).clone(), self.beam.clone()],
+                    defs,
+                )
+            }
             PipelineKey::RayCast { float, stop_at_depth } => {
                 let mut defs = field_defs(float, 0);
                 if stop_at_depth {

@@ -16,7 +16,7 @@ use bevy::{
 use super::{
     stats::TerrainStats,
     subdivide::{COUNT_BYTES, DRAW_OFFSET},
-    view::{TILE_PX, TerrainSlot, TerrainViews, ViewTerrain},
+    view::{TerrainSlot, TerrainViews, ViewTerrain, WORKGROUP_PX},
 };
 
 /// Casts the rays of every terrain in view, nearest wins, and puts their depth among the meshes'.
@@ -78,7 +78,7 @@ impl ViewTerrain {
                     && slot.pipelines.is_some_and(|ids| {
                         compute(ids.subdivide)
                             && render(ids.box_entry)
-                            && compute(ids.beam)
+                            && ids.beam.is_none_or(|ids| ids.iter().all(|id| compute(Some(*id))))
                             && compute(Some(ids.ray_cast))
                             && render(Some(ids.terrain_depth))
                             && ids.terrain_shade.is_some()
@@ -176,29 +176,29 @@ impl Caster<'_> {
         self.stats.count_dispatch("box_entry", lists.readback.latest());
     }
 
-    /// One beam for each tile.
+    /// One beam for each coarse tile, then one for each fine tile from there.
     pub fn beam(&mut self, slot: &TerrainSlot) {
-        let (Some((_, tiles)), Some(groups), Some(ids)) =
+        let (Some(starts), Some(groups), Some(ids)) =
             (&slot.tile_start, &slot.bind_groups, slot.pipelines)
         else {
             return;
         };
-        let (Some(bind_group), Some(pipeline)) =
-            (&groups.beam, ids.beam.and_then(|id| self.cache.get_compute_pipeline(id)))
-        else {
-            return;
-        };
+        let (Some(bind_groups), Some(ids)) = (&groups.beam, ids.beam) else { return };
         let mut pass = self.encoder.begin_compute_pass(&ComputePassDescriptor {
             label: Some("beam"),
             timestamp_writes: None,
         });
         let span = self.diagnostics.pass_span(&mut pass, "beam");
-        pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &*groups.field, &[]);
-        pass.set_bind_group(1, &**bind_group, &[]);
-        pass.dispatch_workgroups(tiles.x.div_ceil(8), tiles.y.div_ceil(8), 1);
+        for ((starts, bind_group), id) in starts.iter().zip(bind_groups).zip(ids) {
+            let Some(pipeline) = self.cache.get_compute_pipeline(id) else { continue };
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(1, &**bind_group, &[]);
+            let tiles = starts.tiles;
+            pass.dispatch_workgroups(tiles.x.div_ceil(8), tiles.y.div_ceil(8), 1);
+            self.stats.count_dispatch("beam", u64::from(tiles.x) * u64::from(tiles.y));
+        }
         span.end(&mut pass);
-        self.stats.count_dispatch("beam", u64::from(tiles.x) * u64::from(tiles.y));
     }
 
     /// One ray a pixel.
@@ -217,7 +217,7 @@ impl Caster<'_> {
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &*groups.field, &[]);
         pass.set_bind_group(1, &*groups.ray_cast, &[]);
-        let tiles = targets.size.map(|n| n.div_ceil(TILE_PX));
+        let tiles = targets.size.map(|n| n.div_ceil(WORKGROUP_PX));
         pass.dispatch_workgroups(tiles.x, tiles.y, 1);
         span.end(&mut pass);
         self.stats.count_dispatch("ray_cast", u64::from(targets.size.x) * u64::from(targets.size.y));

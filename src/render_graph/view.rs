@@ -37,8 +37,11 @@ use crate::terrain::{
 
 /// Terrains one camera can draw: `hit_surface` names them in eight bits.
 pub const MAX_TERRAINS: usize = 255;
-/// Side of a tile that one beam stands for; as the workgroup of `ray_cast.wgsl`. units: px
-pub const TILE_PX: u32 = 8;
+/// Side of a workgroup of `ray_cast.wgsl`. units: px
+pub const WORKGROUP_PX: u32 = 8;
+/// Sides of the tiles that one beam stands for, coarse and fine, as in `beam.wgsl`. Boxes are drawn at the
+/// coarse tiles. units: px
+pub const BEAM_PX: [u32; 2] = [16, 4];
 /// Boxes a list first has room for, and the most it grows to.
 const FIRST_BOXES: u32 = 1 << 14;
 const MOST_BOXES: u32 = 1 << 22;
@@ -144,6 +147,12 @@ pub struct BoxTargets {
     generation: u64,
 }
 
+/// How far the rays of each tile may go blindly: t and level, 8 bytes a tile.
+pub struct TileStarts {
+    pub buffer: Buffer,
+    pub tiles: UVec2,
+}
+
 /// The lists of one subdivision.
 pub struct BoxLists {
     pub nodes: [Buffer; 2],
@@ -167,7 +176,7 @@ pub struct SlotBindGroups {
     /// By which list is read.
     pub subdivide: Option<[BindGroup; 2]>,
     pub box_entry: Option<BindGroup>,
-    pub beam: Option<BindGroup>,
+    pub beam: Option<[BindGroup; 2]>,
     pub ray_cast: BindGroup,
     pub terrain_depth: BindGroup,
     pub terrain_shade: BindGroup,
@@ -178,7 +187,7 @@ pub struct SlotBindGroups {
 pub struct SlotPipelines {
     pub subdivide: Option<CachedComputePipelineId>,
     pub box_entry: Option<CachedRenderPipelineId>,
-    pub beam: Option<CachedComputePipelineId>,
+    pub beam: Option<[CachedComputePipelineId; 2]>,
     pub ray_cast: CachedComputePipelineId,
     pub terrain_depth: CachedRenderPipelineId,
     pub terrain_shade: Option<CachedRenderPipelineId>,
@@ -191,7 +200,8 @@ pub struct TerrainSlot {
     placement: UniformBuffer<GpuPlacement>,
     look: UniformBuffer<GpuTerrainLook>,
     pub lists: Option<BoxLists>,
-    pub tile_start: Option<(Buffer, UVec2)>,
+    /// Where tiles of rays may start, coarse and fine.
+    pub tile_start: Option<[TileStarts; 2]>,
     pub bind_groups: Option<SlotBindGroups>,
     bound: Option<BoundTo>,
     pub pipelines: Option<SlotPipelines>,
@@ -249,7 +259,10 @@ impl TerrainViews {
                         let lists = slot.lists.as_ref().map_or(0, |lists| {
                             24 * u64::from(lists.capacity) + 3 * COUNT_BYTES
                         });
-                        let tiles = slot.tile_start.as_ref().map_or(0, |(buffer, _)| buffer.size());
+                        let tiles = slot
+                            .tile_start
+                            .as_ref()
+                            .map_or(0, |starts| starts.iter().map(|s| s.buffer.size()).sum());
                         lists + tiles + 1024
                     })
                     .sum();
@@ -408,17 +421,19 @@ impl TerrainSlot {
         self.box_level = settings.box_texels.max(4).ilog2().min(self.levels);
         let uses_boxes = matches!(self.traversal, Traversal::Boxes | Traversal::Hybrid);
         let hybrid = self.traversal == Traversal::Hybrid;
-        let tiles = rays.size_px.map(|n| n.div_ceil(TILE_PX));
+        let tiles = BEAM_PX.map(|side| rays.size_px.map(|n| n.div_ceil(side)));
         if !hybrid {
             self.tile_start = None;
-        } else if self.tile_start.as_ref().is_none_or(|(_, size)| *size != tiles) {
-            let buffer = device.create_buffer(&BufferDescriptor {
-                label: Some("skyline_tile_start"),
-                size: u64::from(tiles.x) * u64::from(tiles.y) * 8,
-                usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
-                mapped_at_creation: false,
-            });
-            self.tile_start = Some((buffer, tiles));
+        } else if self.tile_start.as_ref().is_none_or(|starts| starts[1].tiles != tiles[1]) {
+            self.tile_start = Some(tiles.map(|tiles| TileStarts {
+                buffer: device.create_buffer(&BufferDescriptor {
+                    label: Some("skyline_tile_start"),
+                    size: u64::from(tiles.x) * u64::from(tiles.y) * 8,
+                    usage: BufferUsages::STORAGE,
+                    mapped_at_creation: false,
+                }),
+                tiles,
+            }));
         }
         if uses_boxes {
             self.prepare_lists(device, queue, generation);
@@ -444,7 +459,7 @@ impl TerrainSlot {
         // not be finer than its tiles.
         let texels = f32::from(1u16 << self.box_level.min(15));
         let lod_area = 4.0 * (texels * rays.max_error_px).powi(2);
-        let tile_area = if hybrid { (TILE_PX * TILE_PX) as f32 } else { 0.0 };
+        let tile_area = if hybrid { (BEAM_PX[0] * BEAM_PX[0]) as f32 } else { 0.0 };
         let mut level_offset = [UVec4::ZERO; 8];
         for (i, offset) in field.level_offsets.iter().enumerate() {
             // Level k is `level_offsets[k - 1]`.
@@ -483,7 +498,7 @@ impl TerrainSlot {
                 Traversal::Hybrid => 3,
             },
             box_level: self.box_level,
-            tile_px: if hybrid { TILE_PX } else { 1 },
+            tile_px: if hybrid { BEAM_PX[0] } else { 1 },
             box_area_px: lod_area.max(tile_area),
             box_capacity: self.lists.as_ref().map_or(0, |lists| lists.capacity),
             pixel_a: rays.pixel_a,
@@ -606,7 +621,7 @@ impl TerrainSlot {
     pub fn box_target_size(&self, view: &ViewTerrain) -> UVec2 {
         let size = view.targets.as_ref().map_or(UVec2::ONE, |targets| targets.size);
         match self.traversal {
-            Traversal::Hybrid => size.map(|n| n.div_ceil(TILE_PX)),
+            Traversal::Hybrid => size.map(|n| n.div_ceil(BEAM_PX[0])),
             _ => size,
         }
     }
@@ -687,7 +702,7 @@ impl ViewTerrain {
         let box_size = if traversals(Traversal::Boxes) {
             Some(size)
         } else if traversals(Traversal::Hybrid) {
-            Some(size.map(|n| n.div_ceil(TILE_PX)))
+            Some(size.map(|n| n.div_ceil(BEAM_PX[0])))
         } else {
             None
         };
@@ -761,7 +776,14 @@ pub fn prepare_terrain_bind_groups(
             let beams = slot.tile_start.is_some();
             let stop_at_depth = drawn_depth.is_some();
             let subdivide = uses_boxes.then(|| compute(PipelineKey::Subdivide { float })).flatten();
-            let beam = beams.then(|| compute(PipelineKey::Beam { float })).flatten();
+            let beam = beams
+                .then(|| {
+                    Some([
+                        compute(PipelineKey::Beam { float, fine: false })?,
+                        compute(PipelineKey::Beam { float, fine: true })?,
+                    ])
+                })
+                .flatten();
             let ray_cast = compute(PipelineKey::RayCast { float, stop_at_depth });
             let mut render = |key| match pipelines.get(&cache, key) {
                 PipelineId::Render(id) => Some(id),
@@ -797,7 +819,7 @@ pub fn prepare_terrain_bind_groups(
                 targets: targets.generation,
                 boxes: view.boxes.as_ref().map_or(0, |boxes| boxes.generation),
                 lists: slot.lists.as_ref().map_or(0, |lists| lists.generation),
-                tile_start: slot.tile_start.as_ref().map(|(buffer, _)| buffer.id()),
+                tile_start: slot.tile_start.as_ref().map(|starts| starts[1].buffer.id()),
                 drawn_depth: drawn_depth.map(|depth| depth.id()),
                 albedo: albedo.texture_view.id(),
             };
@@ -841,7 +863,7 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
     let layout = |descriptor| cache.get_bind_group_layout(descriptor);
     let lists = slot.lists.as_ref();
     let box_entry_view = inputs.boxes.map_or(&unused.texture, |boxes| &boxes.entry_view);
-    let tile_start = slot.tile_start.as_ref().map_or(&unused.buffer, |(buffer, _)| buffer);
+    let tile_start = slot.tile_start.as_ref().map_or(&unused.buffer, |starts| &starts[1].buffer);
     let counts = lists.map_or(&unused.buffer, |lists| &lists.counts);
     let subdivide = lists.and_then(|lists| {
         let passes = lists.passes.binding()?;
@@ -889,15 +911,20 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
                 &BindGroupEntries::single(lists.boxes.as_entire_binding()),
             )
         }),
-        beam: slot.tile_start.as_ref().map(|(buffer, _)| {
-            device.create_bind_group(
-                "skyline_beam",
-                &layout(&pipelines.beam),
-                &BindGroupEntries::sequential((
-                    buffer.as_entire_binding(),
-                    box_entry_view,
-                    counts.as_entire_binding(),
-                )),
+        beam: slot.tile_start.as_ref().map(|starts| {
+            [(&starts[0].buffer, &unused.buffer), (&starts[1].buffer, &starts[0].buffer)].map(
+                |(out, coarse)| {
+                    device.create_bind_group(
+                        "skyline_beam",
+                        &layout(&pipelines.beam),
+                        &BindGroupEntries::sequential((
+                            out.as_entire_binding(),
+                            box_entry_view,
+                            counts.as_entire_binding(),
+                            coarse.as_entire_binding(),
+                        )),
+                    )
+                },
             )
         }),
         ray_cast: device.create_bind_group(
