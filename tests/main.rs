@@ -1,6 +1,9 @@
 //! The one integration-test binary. Tests that draw need a Vulkan device, a software one will do, and the
 //! features `cli` and `window` as `scripts/test.sh` sets them.
 
+#[cfg(feature = "cli")]
+#[path = "it/cli.rs"]
+mod cli;
 #[path = "it/data.rs"]
 mod data;
 #[path = "it/height_field.rs"]

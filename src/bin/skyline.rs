@@ -1,41 +1,358 @@
-//! probe
-use bevy::prelude::*;
-use bevy_skyline::{offline::Offline, prelude::*};
-fn main() {
-    let args: Vec<String> = std::env::args().collect();
-    let img = image::open(&args[1]).unwrap().into_luma16();
-    let (w, h) = img.dimensions();
-    let spacing: f32 = args[2].parse().unwrap();
-    let mut off = Offline::new().unwrap();
-    println!("{}", off.adapter());
-    let field = HeightField::from_u16(UVec2::new(w, h), spacing, (0.0, 4095.9375), img.into_raw()).unwrap();
-    let handle = off.app.world_mut().resource_mut::<Assets<HeightField>>().add(field);
-    off.app.world_mut().spawn(Terrain::new(handle));
-    off.app.world_mut().spawn((DirectionalLight { illuminance: 8000.0, ..default() }, Transform::from_xyz(1.0, 0.7, 0.3).looking_at(Vec3::ZERO, Vec3::Y)));
-    let size = UVec2::new(1600, 900);
-    let target = off.target(size);
-    let views = [("low", Vec3::new(30000.0, 2600.0, 60000.0), Vec3::new(50000.0, 1500.0, 20000.0)),
-        ("high", Vec3::new(41000.0, 14000.0, 50000.0), Vec3::new(41000.0, 0.0, 40000.0))];
-    let camera = off.camera(&target, (Msaa::Off, Transform::default(), TerrainRayCasting::default()));
-    for (name, eye, at) in views {
-        *off.app.world_mut().get_mut::<Transform>(camera).unwrap() = Transform::from_translation(eye).looking_at(at, Vec3::Y);
-        for e in args[3].split(',') {
-            let err: f32 = e.parse().unwrap();
-            let mut base: Option<Vec<f32>> = None;
-            for tr in args[4].split(',') {
-                let (traversal, tau) = match tr { "c" => (Traversal::MaxMip, 16), "b" => (Traversal::PerTexel, 16), a if a.starts_with('a') => (Traversal::Boxes, a[1..].parse().unwrap()), a => (Traversal::Hybrid, a[1..].parse().unwrap()) };
-                *off.app.world_mut().get_mut::<TerrainRayCasting>(camera).unwrap() = TerrainRayCasting { traversal, box_texels: tau, max_error_px: err };
-                off.settle(camera, 40).unwrap();
-                let n: usize = args[5].parse().unwrap();
-                off.step();
-                let mut runs: Vec<[f64; 4]> = (0..n).map(|_| off.time_cast(camera).unwrap()).collect();
-                runs.sort_by(|a, b| a[3].total_cmp(&b[3]));
-                let last = runs[0];
-                let hits = off.hits(camera).unwrap().unwrap();
-                let diff = match &base { None => { base = Some(hits.ndc_depth.clone()); 0 } Some(b) => b.iter().zip(&hits.ndc_depth).filter(|(a, b)| a != b).count() };
-                println!("{name} E={err} {tr}: sub {:.1} box {:.1} beam {:.1} ray {:.1} total {:.1} | reads {:.2} max {} diff {diff} | {}", last[0], last[1], last[2], last[3], last.iter().sum::<f64>(), hits.mean_reads(), hits.reads().max().unwrap(), off.app.world().resource::<Effects>().terrain());
-                off.picture(&target).unwrap().save(format!("/tmp/p_{name}_{tr}_{err}.png")).unwrap();
-            }
+//! The `skyline` command: parses, calls the library, prints. JSON on stdout, messages on stderr; exit status 0
+//! only on success, 2 on bad input.
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use bevy::math::{DVec3, UVec2};
+use bevy_skyline::{
+    offline::{
+        TRAVERSALS,
+        accuracy::{AccuracyError, scene::mountains, terrain::{Plan, measure}},
+        render::{Figures, RenderError, Shot, Sun, render},
+    },
+    terrain::{
+        HeightField, HeightFieldLoadError, HeightFieldNote, HeightFieldSettings, TerrainRayCasting,
+        Traversal, read_height_field,
+    },
+};
+use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
+use serde::Serialize;
+
+/// Ray-cast terrain: pictures, depth and what accuracy costs.
+#[derive(Parser)]
+#[command(name = "skyline", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Draw a height map to a PNG, and its depth to a file if asked.
+    Render(RenderArgs),
+    /// Measure what accuracy costs: time and error of every setting, with plots and a page that shows them.
+    Accuracy(AccuracyArgs),
+}
+
+#[derive(Args)]
+struct AccuracyArgs {
+    /// What to measure.
+    effect: AccuracyEffect,
+    /// Few settings and small pictures: seconds rather than minutes.
+    #[arg(long)]
+    quick: bool,
+    /// 16-bit PNG or TIFF, float TIFF, SRTM .hgt or raw 16-bit; else terrain made by code.
+    #[arg(long, value_name = "F")]
+    heightmap: Option<PathBuf>,
+    #[command(flatten)]
+    scale: HeightMapArgs,
+    /// Directory to write to; made if it is not there.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// Effects that this version has.
+#[derive(ValueEnum, Clone, Copy)]
+enum AccuracyEffect {
+    /// Terrain ray casting (P1).
+    Terrain,
+}
+
+#[derive(Args)]
+struct HeightMapArgs {
+    /// Metres between samples; else from the file's .json sidecar or format.
+    #[arg(long, value_name = "M", value_parser = positive, allow_hyphen_values = true)]
+    spacing: Option<f32>,
+    /// Heights of the lowest and the highest code, in metres; else from the sidecar or format.
+    #[arg(long, value_name = "MIN,MAX", value_parser = range, allow_hyphen_values = true)]
+    height_range: Option<(f32, f32)>,
+}
+
+#[derive(Args)]
+struct RenderArgs {
+    /// 16-bit PNG or TIFF, float TIFF, SRTM .hgt or raw 16-bit.
+    #[arg(long, value_name = "F")]
+    heightmap: PathBuf,
+    #[command(flatten)]
+    scale: HeightMapArgs,
+    /// Where the camera is, in metres; Y is up, sample (0,0) at the origin, columns +X, rows +Z.
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    eye: DVec3,
+    /// What it looks at, in metres.
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    target: DVec3,
+    /// Pixels of the picture.
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size, allow_hyphen_values = true)]
+    size: UVec2,
+    /// Vertical field of view in degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 45.0, allow_hyphen_values = true)]
+    fov: f64,
+    /// Direction to the sun in degrees: azimuth from +Z toward +X, elevation above the horizon.
+    #[arg(long, value_name = "AZ,EL", value_parser = sun, allow_hyphen_values = true)]
+    sun: Option<Sun>,
+    /// How rays skip empty space: per-texel, max-mip, boxes or hybrid. All give the same picture.
+    #[arg(long, default_value = "hybrid", value_parser = traversal)]
+    traversal: Traversal,
+    /// Side of the smallest box in cells, from 4.
+    #[arg(long, value_name = "N", default_value_t = TerrainRayCasting::default().box_texels, allow_hyphen_values = true)]
+    box_texels: u32,
+    /// How far the picture may be from the exact surface, in pixels; 0 is exact.
+    #[arg(long, value_name = "E", default_value_t = TerrainRayCasting::default().max_error_px, allow_hyphen_values = true)]
+    max_error_px: f32,
+    /// The picture to write.
+    #[arg(long, value_name = "P.png")]
+    out: PathBuf,
+    /// View-space distances along -Z to write: little-endian f32 in metres, rows from the top left, +inf for sky.
+    #[arg(long, value_name = "D.f32")]
+    depth: Option<PathBuf>,
+}
+
+/// Why the command failed; says itself in one line.
+#[derive(thiserror::Error, Debug)]
+enum CliError {
+    #[error("{0}")]
+    Usage(String),
+    #[error("{}: {source}", path.display())]
+    HeightMap { path: PathBuf, source: HeightFieldLoadError },
+    #[error("cannot write {}: there is no directory {}; create it first", path.display(), parent.display())]
+    NoDirectory { path: PathBuf, parent: PathBuf },
+    #[error("cannot write {}: it is a directory; name a file in it", .0.display())]
+    IsDirectory(PathBuf),
+    #[error("cannot write {}: {reason}", path.display())]
+    Write { path: PathBuf, reason: String },
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    #[error(transparent)]
+    Accuracy(#[from] AccuracyError),
+}
+
+impl CliError {
+    /// 2: other input would have helped; 1: another machine would.
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Render(error) if !error.is_input() => 1,
+            Self::Accuracy(error) if !error.is_input() => 1,
+            _ => 2,
         }
     }
+}
+
+/// What `skyline render` prints.
+#[derive(Serialize)]
+struct RenderOutput {
+    out: PathBuf,
+    depth: Option<PathBuf>,
+    #[serde(flatten)]
+    figures: Figures,
+}
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let line: Vec<_> = error.to_string().split_whitespace().map(str::to_owned).collect();
+            eprintln!("skyline: {}", line.join(" "));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn run() -> Result<(), CliError> {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+            print(&error.to_string());
+            return Ok(());
+        }
+        Err(error) => return Err(CliError::Usage(usage_line(&error))),
+    };
+    match cli.command {
+        Command::Render(args) => run_render(&args),
+        Command::Accuracy(args) => run_accuracy(&args),
+    }
+}
+
+fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
+    let AccuracyEffect::Terrain = args.effect;
+    let plan = if args.quick { Plan::quick() } else { Plan::full() };
+    let (field, notes, name) = match &args.heightmap {
+        Some(path) => {
+            let stem = path.file_stem().unwrap_or(path.as_os_str());
+            let (field, notes) = read(path, &args.scale)?;
+            (field, notes, stem.to_string_lossy().into_owned())
+        }
+        None => {
+            if args.scale.spacing.is_some() || args.scale.height_range.is_some() {
+                return Err(CliError::Usage(
+                    "--spacing and --height-range say how to read a --heightmap, and none is given".into(),
+                ));
+            }
+            let samples = if args.quick { 257 } else { 1025 };
+            let field = mountains(samples).map_err(AccuracyError::from)?;
+            (field, Vec::new(), "made_by_code".to_owned())
+        }
+    };
+    let summary = measure(field, &name, &plan, &args.out)?;
+    if let Some(path) = &args.heightmap {
+        tell(path, notes);
+    }
+    print_json(&summary);
+    Ok(())
+}
+
+fn run_render(args: &RenderArgs) -> Result<(), CliError> {
+    let shot = Shot {
+        eye: args.eye,
+        target: args.target,
+        size: args.size,
+        fov_deg: args.fov,
+        sun: args.sun.unwrap_or_default(),
+        casting: TerrainRayCasting {
+            traversal: args.traversal,
+            box_texels: args.box_texels,
+            max_error_px: args.max_error_px,
+        },
+    };
+    // Everything that can be known to be wrong is said before any work is done.
+    shot.check()?;
+    check_writable(&args.out)?;
+    args.depth.as_deref().map_or(Ok(()), check_writable)?;
+    let (field, notes) = read(&args.heightmap, &args.scale)?;
+    let rendered = render(field, &shot)?;
+    tell(&args.heightmap, notes);
+    rendered
+        .picture
+        .save_with_format(&args.out, image::ImageFormat::Png)
+        .map_err(|error| CliError::Write { path: args.out.clone(), reason: error.to_string() })?;
+    if let Some(path) = &args.depth {
+        let bytes: Vec<u8> = rendered.depth_m.iter().flat_map(|depth| depth.to_le_bytes()).collect();
+        std::fs::write(path, bytes)
+            .map_err(|error| CliError::Write { path: path.clone(), reason: error.to_string() })?;
+    }
+    print_json(&RenderOutput {
+        out: args.out.clone(),
+        depth: args.depth.clone(),
+        figures: rendered.figures,
+    });
+    Ok(())
+}
+
+fn read(
+    path: &Path,
+    scale: &HeightMapArgs,
+) -> Result<(HeightField, Vec<HeightFieldNote>), CliError> {
+    let settings = HeightFieldSettings {
+        texel_m: scale.spacing,
+        height_range_m: scale.height_range,
+        ..Default::default()
+    };
+    read_height_field(path, &settings).map_err(|source| {
+        // Its text names the file itself.
+        if let HeightFieldLoadError::Read { .. } = source {
+            CliError::Usage(source.to_string())
+        } else {
+            CliError::HeightMap { path: path.to_owned(), source }
+        }
+    })
+}
+
+/// Says what had to be assumed; after the work, so that an error stands alone.
+fn tell(path: &Path, notes: Vec<HeightFieldNote>) {
+    for note in notes {
+        match note {
+            HeightFieldNote::Assumed { texel_m, height_range_m } => {
+                let spacing = texel_m.map(|m| format!("--spacing {m}"));
+                let range = height_range_m.map(|(min, max)| format!("--height-range {min},{max}"));
+                let flags: Vec<_> = spacing.into_iter().chain(range).collect();
+                eprintln!(
+                    "skyline: {}: {} assumed: give the flag, or a .json sidecar beside the file",
+                    path.display(),
+                    flags.join(" and ")
+                );
+            }
+            note => eprintln!("skyline: {}: {note}", path.display()),
+        }
+    }
+}
+
+/// Whether a file can be made there, as far as can be told without making it.
+fn check_writable(path: &Path) -> Result<(), CliError> {
+    if path.is_dir() {
+        return Err(CliError::IsDirectory(path.to_owned()));
+    }
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() && !parent.is_dir() => {
+            Err(CliError::NoDirectory { path: path.to_owned(), parent: parent.to_owned() })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn print_json(value: &impl Serialize) {
+    match serde_json::to_string_pretty(value) {
+        Ok(text) => print(&format!("{text}\n")),
+        Err(error) => eprintln!("skyline: the result could not be written as JSON: {error}"),
+    }
+}
+
+/// A reader that has gone is no failure of ours.
+fn print(text: &str) {
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}
+
+/// The first paragraph of clap's message, without its label.
+fn usage_line(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let first = text.split("\n\n").next().unwrap_or(&text);
+    let first = first.strip_prefix("error: ").unwrap_or(first);
+    let line: Vec<_> = first.split_whitespace().collect();
+    format!("{}; see `skyline --help`", line.join(" "))
+}
+
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let parts: Vec<_> = text.split(',').map(|part| part.trim().parse::<f64>()).collect();
+    let parts: Vec<f64> = parts
+        .into_iter()
+        .collect::<Result<_, _>>()
+        .map_err(|_| format!("expected {N} numbers with commas between them"))?;
+    if parts.iter().any(|part| !part.is_finite()) {
+        return Err("the numbers must be finite".into());
+    }
+    parts.try_into().map_err(|_| format!("expected {N} numbers with commas between them"))
+}
+
+fn vector(text: &str) -> Result<DVec3, String> {
+    numbers(text).map(DVec3::from_array)
+}
+
+fn range(text: &str) -> Result<(f32, f32), String> {
+    numbers(text).map(|[min, max]| (min as f32, max as f32))
+}
+
+fn sun(text: &str) -> Result<Sun, String> {
+    numbers(text).map(|[azimuth_deg, elevation_deg]| Sun { azimuth_deg, elevation_deg })
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    let [value] = numbers(text)?;
+    let value = value as f32;
+    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("must be positive".into()) }
+}
+
+fn size(text: &str) -> Result<UVec2, String> {
+    text.split_once(['x', 'X'])
+        .and_then(|(w, h)| Some(UVec2::new(w.trim().parse().ok()?, h.trim().parse().ok()?)))
+        .ok_or_else(|| "expected width and height in pixels with an x between them, as 1280x720".into())
+}
+
+fn traversal(text: &str) -> Result<Traversal, String> {
+    TRAVERSALS
+        .iter()
+        .find(|(_, name)| *name == text)
+        .map(|(traversal, _)| *traversal)
+        .ok_or_else(|| "expected per-texel, max-mip, boxes or hybrid".into())
 }

@@ -1,5 +1,10 @@
 //! Bevy without a window, driven frame by frame: what the `skyline` command and the tests stand on.
 
+pub mod accuracy;
+pub mod glyphs;
+pub mod plot;
+pub mod render;
+
 use std::time::Duration;
 
 use bevy::{
@@ -8,6 +13,7 @@ use bevy::{
     camera::RenderTarget,
     diagnostic::{DiagnosticPath, DiagnosticsStore},
     image::Image,
+    log::{DEFAULT_FILTER, Level, LogPlugin},
     platform::time::Instant,
     prelude::*,
     render::{
@@ -25,8 +31,30 @@ use bevy::{
 
 use crate::{
     plugin::SkylinePlugins,
-    render_graph::{stats::TerrainStats, terrain::Caster, view::TerrainViews},
+    render_graph::{
+        extract::affine64,
+        stats::{TerrainCounts, TerrainStats},
+        terrain::Caster,
+        view::TerrainViews,
+    },
+    terrain::{
+        HeightField, HeightSamples, Terrain, TerrainRayCasting, Traversal,
+        view_rays::{ViewInputs, ViewRays},
+    },
 };
+
+/// Every traversal and its name as a flag's value.
+pub const TRAVERSALS: [(Traversal, &str); 4] = [
+    (Traversal::PerTexel, "per-texel"),
+    (Traversal::MaxMip, "max-mip"),
+    (Traversal::Boxes, "boxes"),
+    (Traversal::Hybrid, "hybrid"),
+];
+
+/// Name of a traversal as a flag's value.
+pub fn traversal_name(traversal: Traversal) -> &'static str {
+    TRAVERSALS.iter().find(|(t, _)| *t == traversal).map_or("unknown", |(_, name)| name)
+}
 
 /// Time that passes from one frame to the next. units: s
 const FRAME_S: f64 = 1.0 / 60.0;
@@ -46,6 +74,9 @@ pub enum OfflineError {
     /// Terrain cannot be drawn here.
     #[error("terrain cannot be drawn here: {0}")]
     Unsupported(String),
+    /// One of the GPU's limits stands against it.
+    #[error("this GPU cannot hold the height field: {0}")]
+    Refused(String),
 }
 
 /// What rays hit, pixel by pixel, row by row from the top left.
@@ -60,6 +91,22 @@ pub struct HitImage {
 }
 
 impl HitImage {
+    /// An image of sky.
+    pub fn sky(size: UVec2) -> Self {
+        let pixels = size.x as usize * size.y as usize;
+        Self { size, ndc_depth: vec![0.0; pixels], surface: vec![0; pixels] }
+    }
+
+    /// Whether each pixel shows terrain.
+    pub fn coverage(&self) -> impl Iterator<Item = bool> + '_ {
+        self.surface.iter().map(|surface| surface & 0xff != 0)
+    }
+
+    /// Pixels that show terrain.
+    pub fn terrain_px(&self) -> usize {
+        self.coverage().filter(|terrain| *terrain).count()
+    }
+
     /// Nodes and cells read for each pixel.
     pub fn reads(&self) -> impl Iterator<Item = u32> + '_ {
         self.surface.iter().map(|surface| surface >> 8)
@@ -78,6 +125,12 @@ pub fn headless_plugins() -> impl PluginGroup {
         .set(WindowPlugin {
             primary_window: None,
             exit_condition: ExitCondition::DontExit,
+            ..default()
+        })
+        // Progress is ours to report, the adapter too; RUST_LOG still asks for more.
+        .set(LogPlugin {
+            level: Level::WARN,
+            filter: format!("{DEFAULT_FILTER}bevy_render::renderer=error"),
             ..default()
         })
         .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
@@ -142,6 +195,15 @@ impl Offline {
             .map_or_else(|| "none".into(), |info| info.name.clone())
     }
 
+    /// Whether the GPU is a software driver, on whose timestamps around compute passes nothing can be built.
+    pub fn is_software(&self) -> bool {
+        self.app
+            .world()
+            .get_resource::<RenderAdapterInfo>()
+            // Bevy exports `AdapterInfo` but not the type of this field.
+            .is_some_and(|info| format!("{:?}", info.device_type) == "Cpu")
+    }
+
     /// An image cameras can draw to and that can be read back.
     pub fn target(&mut self, size: UVec2) -> Handle<Image> {
         let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
@@ -185,24 +247,70 @@ impl Offline {
                 return Ok(());
             }
         }
-        let stats = self.app.world().resource::<crate::render_graph::stats::TerrainStats>().lock();
-        if let Some(reason) = stats.unsupported.clone().or_else(|| stats.refused.first().cloned()) {
+        let counts = self.counts();
+        if let Some(reason) = counts.unsupported {
             return Err(OfflineError::Unsupported(reason));
         }
+        if let Some(reason) = counts.refused.into_iter().next() {
+            return Err(OfflineError::Refused(reason));
+        }
         Err(OfflineError::NotFinished(limit))
+    }
+
+    /// What the terrain's passes have counted so far.
+    pub fn counts(&self) -> TerrainCounts {
+        self.app.world().get_resource::<TerrainStats>().map_or_else(default, |s| s.lock().clone())
+    }
+
+    /// Boxes the last frame's subdivision of a terrain asked for, and how many there was room for.
+    pub fn boxes(&self, camera: Entity, terrain: Entity) -> Option<(u64, u64)> {
+        let lists = self.views()?.views.get(&camera)?.slots.get(&terrain)?.lists.as_ref()?;
+        Some((lists.readback.latest(), u64::from(lists.capacity)))
+    }
+
+    /// The most pixels an image may have a side.
+    pub fn max_image_side(&self) -> u32 {
+        let device = self.app.world().get_resource::<RenderDevice>();
+        device.map_or(0, |device| device.limits().max_texture_dimension_2d)
+    }
+
+    /// The rays `camera` cast at `terrain` in the last frame, composed as the renderer does.
+    ///
+    /// `None` if none of them could meet it. A camera that jitters is not served.
+    pub fn view_rays(&self, camera: Entity, terrain: Entity) -> Option<ViewRays> {
+        let world = self.app.world();
+        let settings = world.get::<TerrainRayCasting>(camera).copied().unwrap_or_default();
+        let handle = &world.get::<Terrain>(terrain)?.height_field;
+        let field = world.get_resource::<Assets<HeightField>>()?.get(handle)?;
+        let transform = |entity| world.get::<GlobalTransform>(entity).map(|t| affine64(t.affine()));
+        let view = world.get::<Camera>(camera)?;
+        let (highest, lowest) = field.pyramid().top();
+        ViewRays::new(&ViewInputs {
+            clip_from_view: view.clip_from_view(),
+            grid_from_view: field.grid_from_local() * transform(terrain)?.inverse() * transform(camera)?,
+            size_px: view.physical_viewport_size()?,
+            cells: field.cells(),
+            height_range: (lowest, highest),
+            whole_heights: matches!(field.samples(), HeightSamples::U16(_)),
+            max_error_px: settings.max_error_px,
+        })
+        .filter(ViewRays::sees_terrain)
     }
 
     fn views(&self) -> Option<&TerrainViews> {
         self.app.get_sub_app(RenderApp)?.world().get_resource::<TerrainViews>()
     }
 
-    /// What the rays of the last frame hit; `None` if this camera holds no terrain.
+    /// What the rays of the last frame hit; `None` if this camera had no terrain in view.
     ///
     /// # Errors
     /// [`OfflineError::ReadBack`].
     pub fn hits(&self, camera: Entity) -> Result<Option<HitImage>, OfflineError> {
         let Some(targets) =
-            self.views().and_then(|views| views.views.get(&camera)?.targets.as_ref())
+            self.views()
+                .and_then(|views| views.views.get(&camera))
+                .filter(|view| !view.drawn.is_empty())
+                .and_then(|view| view.targets.as_ref())
         else {
             return Ok(None);
         };
@@ -292,6 +400,14 @@ impl Offline {
             .get_resource::<DiagnosticsStore>()?
             .get(&DiagnosticPath::new(format!("render/{span}/elapsed_gpu")))?
             .value()
+    }
+
+    /// The same, if it came to the main world after `since`.
+    pub fn gpu_ms_since(&self, span: &str, since: Instant) -> Option<f64> {
+        let store = self.app.world().get_resource::<DiagnosticsStore>()?;
+        let path = DiagnosticPath::new(format!("render/{span}/elapsed_gpu"));
+        let newest = store.get(&path)?.measurement()?;
+        (newest.time >= since).then_some(newest.value)
     }
 
     /// Casts a camera's rays again, by themselves and waited for: times of subdivide, box_entry, beam and

@@ -1,0 +1,217 @@
+//! The files an accuracy run leaves: results, tables, and one page that shows everything.
+
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use serde::Serialize;
+
+use super::terrain::Table;
+
+/// Why a file could not be written.
+#[derive(thiserror::Error, Debug)]
+#[error("cannot write {}: {reason}; choose another directory with --out", path.display())]
+pub struct ReportError {
+    /// The file or directory.
+    pub path: PathBuf,
+    /// What is in the way.
+    pub reason: String,
+}
+
+/// A directory being filled.
+pub struct Report {
+    out: PathBuf,
+    effect: &'static str,
+    files: Vec<PathBuf>,
+    /// Pictures for the page, with what they show.
+    pictures: Vec<(String, String)>,
+}
+
+impl Report {
+    /// Makes the directory, if need be, and makes sure that it can be written to.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn new(out: &Path, effect: &'static str) -> Result<Self, ReportError> {
+        let report =
+            Self { out: out.to_owned(), effect, files: Vec::new(), pictures: Vec::new() };
+        std::fs::create_dir_all(out).map_err(|error| failed(out, &error))?;
+        // Found out now rather than after minutes of measuring.
+        let probe = out.join(".skyline_probe");
+        std::fs::write(&probe, "").map_err(|error| failed(out, &error))?;
+        let _ = std::fs::remove_file(&probe);
+        Ok(report)
+    }
+
+    /// Path for a picture that the page will show.
+    pub fn file(&mut self, name: &str, what: &str) -> PathBuf {
+        let path = self.out.join(name);
+        self.files.push(path.clone());
+        self.pictures.push((name.to_owned(), what.to_owned()));
+        path
+    }
+
+    /// Writes a picture.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn save(&self, path: &Path, picture: &image::RgbImage) -> Result<(), ReportError> {
+        picture
+            .save_with_format(path, image::ImageFormat::Png)
+            .map_err(|error| failed(path, &error))
+    }
+
+    fn write(&mut self, name: &str, text: &str) -> Result<PathBuf, ReportError> {
+        let path = self.out.join(name);
+        std::fs::write(&path, text).map_err(|error| failed(&path, &error))?;
+        self.files.push(path.clone());
+        Ok(path)
+    }
+
+    /// Writes `results.jsonl`: a line for each setting.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn results(&mut self, lines: &[impl Serialize]) -> Result<(), ReportError> {
+        let mut text = String::new();
+        for line in lines {
+            let line = serde_json::to_string(line)
+                .map_err(|error| failed(&self.out.join("results.jsonl"), &error))?;
+            text.push_str(&line);
+            text.push('\n');
+        }
+        self.write("results.jsonl", &text).map(drop)
+    }
+
+    /// Writes `results.csv`.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn csv(&mut self, (_, heads, rows): &Table) -> Result<(), ReportError> {
+        let quoted = |cell: &String| {
+            if cell.contains([',', '"', '\n']) {
+                format!("\"{}\"", cell.replace('"', "\"\""))
+            } else {
+                cell.clone()
+            }
+        };
+        let mut text = String::new();
+        for row in std::iter::once(heads).chain(rows) {
+            text.push_str(&row.iter().map(quoted).collect::<Vec<_>>().join(","));
+            text.push('\n');
+        }
+        self.write("results.csv", &text).map(drop)
+    }
+
+    /// Writes `table.md`, ready for the docs.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn tables(&mut self, head: &str, tables: &[Table]) -> Result<(), ReportError> {
+        let mut text = format!("{head} Measured on {}.\n", utc_now());
+        for (title, heads, rows) in tables {
+            let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+            let _ = write!(text, "\n### {title}\n\n{}|{}\n", line(heads), "---|".repeat(heads.len()));
+            for row in rows {
+                text.push_str(&line(row));
+            }
+        }
+        self.write("table.md", &text).map(drop)
+    }
+
+    /// Writes `index.html`, with every picture and table; returns its path.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn index(
+        &mut self,
+        title: &str,
+        head: &str,
+        tables: &[Table],
+    ) -> Result<PathBuf, ReportError> {
+        let mut text = format!(
+            "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>{title}</title>\n\
+             <style>body{{font:15px/1.5 system-ui,sans-serif;max-width:1500px;margin:2em auto;padding:0 1em}}\
+             img{{max-width:100%;border:1px solid #ccc}}figure{{margin:2em 0}}\
+             table{{border-collapse:collapse;display:block;overflow-x:auto;font-size:13px}}\
+             td,th{{border:1px solid #ccc;padding:.2em .6em;text-align:right;white-space:nowrap}}\
+             th{{background:#f3f3f3}}td:first-child,th:first-child{{text-align:left}}</style>\n\
+             <h1>{title}</h1>\n<p>{head} Measured on {date}.</p>\n\
+             <p>Numbers: <a href=\"results.jsonl\">results.jsonl</a>, <a href=\"results.csv\">results.csv</a>, \
+             <a href=\"table.md\">table.md</a>. Effect: {effect}.</p>\n",
+            title = escaped(title),
+            head = escaped(head),
+            date = utc_now(),
+            effect = self.effect,
+        );
+        for (name, what) in &self.pictures {
+            let what = escaped(what);
+            let _ = writeln!(
+                text,
+                "<figure><img src=\"{name}\" alt=\"{what}\"><figcaption>{what}</figcaption></figure>"
+            );
+        }
+        for (title, heads, rows) in tables {
+            let cells = |tag: &str, row: &[String]| {
+                row.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell))).collect::<String>()
+            };
+            let _ = writeln!(text, "<h2>{}</h2>\n<table><tr>{}</tr>", escaped(title), cells("th", heads));
+            for row in rows {
+                let _ = writeln!(text, "<tr>{}</tr>", cells("td", row));
+            }
+            text.push_str("</table>\n");
+        }
+        text.push_str("</html>\n");
+        self.write("index.html", &text)
+    }
+
+    /// Every file written.
+    pub fn into_files(self) -> Vec<PathBuf> {
+        self.files
+    }
+}
+
+fn failed(path: &Path, reason: &dyn std::fmt::Display) -> ReportError {
+    ReportError { path: path.to_owned(), reason: reason.to_string() }
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Date and time of day, by this machine's clock.
+fn utc_now() -> String {
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |past| past.as_secs());
+    let (year, month, day) = civil(seconds / 86_400);
+    let (hour, minute) = (seconds / 3_600 % 24, seconds / 60 % 60);
+    format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02} UTC")
+}
+
+/// Year, month and day of a number of days after 1970-01-01 (Hinnant, "chrono-compatible low-level date
+/// algorithms", 2013).
+fn civil(days: u64) -> (u64, u64, u64) {
+    let shifted = days + 719_468;
+    let era = shifted / 146_097;
+    let of_era = shifted % 146_097;
+    let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let from_march = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * from_march + 2) / 5 + 1;
+    let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
+    (era * 400 + year_of_era + u64::from(month <= 2), month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_right_about_leap_years() {
+        assert_eq!(civil(0), (1970, 1, 1));
+        assert_eq!(civil(11_016), (2000, 2, 29));
+        assert_eq!(civil(19_782), (2024, 2, 29));
+        assert_eq!(civil(20_454), (2026, 1, 1));
+    }
+}

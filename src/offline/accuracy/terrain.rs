@@ -1,0 +1,721 @@
+//! `skyline accuracy terrain`: P1's Table 1 and Fig. 8 for the four traversals, and what `max_error_px` buys.
+
+use std::{collections::BTreeMap, path::Path};
+
+use bevy::{math::UVec2, platform::time::Instant, prelude::*};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::{
+    AccuracyError, Report, Summary, Timing,
+    difference::TerrainError,
+    percentile,
+    scene::{View, views},
+};
+use crate::{
+    offline::{
+        HitImage, OfflineError,
+        plot::{Axis, HeatPanel, LinePlot, Series, write_heat_maps},
+        render::{CAST_PASSES, Clock, Shot, Stage},
+        traversal_name,
+    },
+    reference::ray_cast::Twin,
+    terrain::{HeightField, TerrainRayCasting, Traversal},
+};
+
+/// Side of boxes where the sweep is over something else, and error where the sweep is over boxes.
+const BOX_TEXELS: u32 = 16;
+const MAX_ERROR_PX: f32 = 0.5;
+/// Beyond this, a setting is measured once. units: s
+const SLOW_S: f64 = 4.0;
+/// Frames until the box list has found its size.
+const BOX_FRAMES: usize = 6;
+
+/// What P1 reports for box sizes 4…4096: A:B and A:C (Table 1; Radeon HD 5870, 1600×900, Puget Sound 4096²).
+const PAPER: [(u32, f64, f64); 11] = [
+    (4, 8.0, 0.89),
+    (8, 29.0, 3.22),
+    (16, 42.5, 4.72),
+    (32, 26.0, 2.89),
+    (64, 15.5, 1.72),
+    (128, 11.0, 1.22),
+    (256, 9.5, 1.07),
+    (512, 5.0, 0.55),
+    (1024, 3.0, 0.33),
+    (2048, 1.5, 0.16),
+    (4096, 1.0, 0.11),
+];
+
+/// What to measure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    /// Size of the pictures. units: px
+    pub size: UVec2,
+    /// Few settings and few rounds.
+    pub quick: bool,
+}
+
+impl Plan {
+    /// P1's picture size and every setting.
+    pub fn full() -> Self {
+        Self { size: UVec2::new(1600, 900), quick: false }
+    }
+
+    /// Seconds rather than minutes.
+    pub fn quick() -> Self {
+        Self { size: UVec2::new(320, 180), quick: true }
+    }
+
+    fn rounds(&self) -> usize {
+        if self.quick { 2 } else { 5 }
+    }
+
+    fn errors_px(&self) -> &'static [f32] {
+        if self.quick { &[0.0, MAX_ERROR_PX, 2.0] } else { &[0.0, MAX_ERROR_PX, 1.0, 2.0, 4.0] }
+    }
+
+    /// Box sizes up to the one that holds the whole field.
+    fn boxes(&self, field: &HeightField) -> Vec<u32> {
+        let whole = field.cells().max_element().next_power_of_two().max(4);
+        let all = PAPER.iter().map(|(texels, ..)| *texels).filter(|texels| *texels <= whole);
+        all.filter(|texels| !self.quick || [4, 16, 64].contains(texels)).collect()
+    }
+
+    /// Every setting to measure, the exact one first.
+    fn settings(&self, field: &HeightField) -> Vec<TerrainRayCasting> {
+        let cast = |traversal, box_texels, max_error_px| TerrainRayCasting {
+            traversal,
+            box_texels,
+            max_error_px,
+        };
+        let mut settings = vec![cast(Traversal::MaxMip, BOX_TEXELS, 0.0)];
+        settings.push(cast(Traversal::PerTexel, BOX_TEXELS, 0.0));
+        for &error in &self.errors_px()[1..] {
+            settings.push(cast(Traversal::MaxMip, BOX_TEXELS, error));
+        }
+        for traversal in [Traversal::Boxes, Traversal::Hybrid] {
+            for texels in self.boxes(field) {
+                settings.push(cast(traversal, texels, MAX_ERROR_PX));
+            }
+            for &error in self.errors_px() {
+                settings.push(cast(traversal, BOX_TEXELS, error));
+            }
+        }
+        let mut unique: Vec<TerrainRayCasting> = Vec::new();
+        for setting in settings {
+            if !unique.contains(&setting) {
+                unique.push(setting);
+            }
+        }
+        unique
+    }
+}
+
+/// One line of `results.jsonl`.
+#[derive(Serialize, Clone, Debug)]
+pub struct TerrainLine {
+    /// Always `terrain`.
+    pub effect: &'static str,
+    /// Field and view.
+    pub scene: String,
+    /// What was set.
+    pub setting: Setting,
+    /// All passes that find where rays hit. units: ms
+    pub time_ms: Timing,
+    /// Median of each. units: ms
+    pub pass_ms: BTreeMap<&'static str, f64>,
+    /// Nodes and cells read for each pixel.
+    pub reads: Reads,
+    /// Boxes of the subdivision.
+    pub boxes: Option<u64>,
+    /// Against the exact picture of this run.
+    pub error: TerrainError,
+    /// units: px
+    pub size_px: [u32; 2],
+    /// How times were measured.
+    pub time_by: Clock,
+    /// Name of the GPU.
+    pub adapter: String,
+    #[serde(skip)]
+    view: &'static str,
+    #[serde(skip)]
+    casting: TerrainRayCasting,
+}
+
+/// A setting, by the names of its flags.
+#[derive(Serialize, Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// How rays skip empty space.
+    pub traversal: &'static str,
+    /// Side of the smallest box, where there are boxes. units: cells
+    pub box_texels: Option<u32>,
+    /// The error allowed. units: px
+    pub max_error_px: f32,
+}
+
+impl Setting {
+    fn of(casting: &TerrainRayCasting) -> Self {
+        let boxes = matches!(casting.traversal, Traversal::Boxes | Traversal::Hybrid);
+        Self {
+            traversal: traversal_name(casting.traversal),
+            box_texels: boxes.then_some(casting.box_texels),
+            max_error_px: casting.max_error_px,
+        }
+    }
+}
+
+/// Nodes and cells read for each pixel.
+#[derive(Serialize, Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reads {
+    /// On average.
+    pub mean: f64,
+    /// 99 % of the pixels read no more.
+    pub p99: u32,
+    /// The most.
+    pub max: u32,
+}
+
+impl Reads {
+    fn of(hits: &HitImage) -> Self {
+        let mut sorted: Vec<u32> = hits.reads().collect();
+        sorted.sort_unstable();
+        Self { mean: hits.mean_reads(), p99: percentile(&sorted, 0.99), max: percentile(&sorted, 1.0) }
+    }
+}
+
+/// Timings of one setting, round by round.
+#[derive(Default)]
+struct Rounds {
+    total: Vec<f64>,
+    passes: BTreeMap<&'static str, Vec<f64>>,
+}
+
+impl Rounds {
+    fn add(&mut self, times: &BTreeMap<&'static str, f64>) {
+        self.total.push(times.values().sum());
+        for (pass, ms) in times {
+            self.passes.entry(pass).or_default().push(*ms);
+        }
+    }
+}
+
+/// Measures terrain and writes everything to a directory.
+///
+/// # Errors
+/// [`AccuracyError`].
+pub fn measure(
+    field: HeightField,
+    name: &str,
+    plan: &Plan,
+    out: &Path,
+) -> Result<Summary, AccuracyError> {
+    let start = Instant::now();
+    let mut report = Report::new(out, "terrain")?;
+    let settings = plan.settings(&field);
+    let views = views(&field);
+    let progress = ProgressBar::new((settings.len() * views.len() * (1 + plan.rounds())) as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:32} {pos}/{len} {elapsed} {msg}") {
+        progress.set_style(style);
+    }
+    let twin_field = field.clone();
+    let twin = Twin::new(&twin_field);
+    let shots = views.each_ref().map(|view| Shot {
+        size: plan.size,
+        casting: settings[0],
+        ..Shot::new(view.eye, view.target)
+    });
+    let mut stage = Stage::new(field, &shots[0])?;
+    let mut lines = Vec::new();
+    for (view, shot) in views.iter().zip(&shots) {
+        stage.look(shot);
+        let mut measured = measure_view(&mut stage, view, shot, &settings, &twin, plan, &progress)?;
+        for line in &mut measured.lines {
+            line.scene = format!("{name}/{}", view.name);
+        }
+        draw(&mut report, view, shot.size, &measured)?;
+        lines.extend(measured.lines);
+    }
+    progress.finish_and_clear();
+
+    report.results(&lines)?;
+    report.csv(&csv(&lines))?;
+    let adapter = stage.offline.adapter();
+    let clock = lines.iter().map(|line| line.time_by).find(|by| *by != Clock::None).unwrap_or_default();
+    let head = format!(
+        "{name}, {}×{} samples {} m apart; {}×{} px; {adapter}; times are the median of up to {} alternating \
+         rounds by {}.",
+        twin_field.size().x,
+        twin_field.size().y,
+        twin_field.texel_m(),
+        plan.size.x,
+        plan.size.y,
+        plan.rounds(),
+        clock.words(),
+    );
+    let mut tables = Vec::new();
+    for view in &views {
+        let of_view: Vec<_> = lines.iter().filter(|line| line.view == view.name).collect();
+        tables.extend(view_tables(view, &of_view));
+    }
+    report.tables(&head, &tables)?;
+    let index = report.index("What accuracy costs: terrain", &head, &tables)?;
+    let highlights = highlights(&views, &lines);
+    Ok(Summary {
+        effect: "terrain",
+        adapter,
+        clock: clock.words(),
+        results: lines.len(),
+        seconds: start.elapsed().as_secs_f64(),
+        index,
+        files: report.into_files(),
+        highlights,
+    })
+}
+
+/// Everything of one view.
+struct Measured {
+    lines: Vec<TerrainLine>,
+    /// Reads per pixel of the settings that heat maps show.
+    heat: Vec<(String, Vec<u32>)>,
+    exact: image::RgbImage,
+}
+
+fn measure_view(
+    stage: &mut Stage,
+    view: &View,
+    shot: &Shot,
+    settings: &[TerrainRayCasting],
+    twin: &Twin,
+    plan: &Plan,
+    progress: &ProgressBar,
+) -> Result<Measured, AccuracyError> {
+    let adapter = stage.offline.adapter();
+    let mut rounds: Vec<Rounds> = settings.iter().map(|_| Rounds::default()).collect();
+    let mut slow = vec![false; settings.len()];
+    let mut lines: Vec<TerrainLine> = Vec::new();
+    let mut heat = Vec::new();
+    let mut exact: Option<(HitImage, image::RgbImage)> = None;
+    for (index, casting) in settings.iter().enumerate() {
+        let setting = Setting::of(casting);
+        progress.set_message(format!("{} {}", view.name, words(&setting)));
+        stage.cast(*casting);
+        let begin = Instant::now();
+        if index == 0 {
+            stage.settle()?;
+        } else {
+            stage.offline.step();
+        }
+        let first_s = begin.elapsed().as_secs_f64();
+        let boxes = setting.box_texels.and_then(|_| settle_boxes(stage));
+        let (times, time_by) = stage.gpu_ms();
+        slow[index] = first_s > SLOW_S || times.values().sum::<f64>() > SLOW_S * 1e3;
+        if slow[index] {
+            rounds[index].add(&times);
+        }
+        let hits = stage.hits(shot.size)?;
+        let picture = stage.picture()?;
+        let rays = stage.offline.view_rays(stage.camera, stage.terrain).ok_or_else(|| {
+            OfflineError::Unsupported("the view shows none of it, though it was chosen to".into())
+        })?;
+        let (exact_hits, exact_picture) = exact.get_or_insert_with(|| (hits.clone(), picture.clone()));
+        let error =
+            TerrainError::of(&hits, &picture, (exact_hits, exact_picture), twin, &rays);
+        if casting.box_texels == BOX_TEXELS
+            && (casting.max_error_px == MAX_ERROR_PX || casting.traversal == Traversal::PerTexel)
+        {
+            heat.push((
+                format!("{}, mean {:.1}", letter(casting.traversal), hits.mean_reads()),
+                hits.reads().collect(),
+            ));
+        }
+        lines.push(TerrainLine {
+            effect: "terrain",
+            scene: String::new(),
+            setting,
+            time_ms: Timing::default(),
+            pass_ms: BTreeMap::new(),
+            reads: Reads::of(&hits),
+            boxes,
+            error,
+            size_px: shot.size.to_array(),
+            time_by,
+            adapter: adapter.clone(),
+            view: view.name,
+            casting: *casting,
+        });
+        progress.inc(1);
+    }
+    // Settings alternate, so that whatever else the machine does meets all of them alike.
+    for _ in 0..plan.rounds() {
+        for (index, casting) in settings.iter().enumerate() {
+            progress.inc(1);
+            if slow[index] {
+                continue;
+            }
+            stage.cast(*casting);
+            stage.offline.step();
+            let (times, _) = stage.gpu_ms();
+            rounds[index].add(&times);
+        }
+    }
+    for (line, rounds) in lines.iter_mut().zip(rounds) {
+        line.time_ms = Timing::of(rounds.total);
+        let medians = rounds.passes.into_iter().map(|(pass, times)| (pass, Timing::of(times).median));
+        line.pass_ms = medians.collect();
+    }
+    let exact = exact.map(|(_, picture)| picture).unwrap_or_default();
+    Ok(Measured { lines, heat, exact })
+}
+
+/// Draws more frames, if it must, until the box list has room for its boxes; returns their number.
+fn settle_boxes(stage: &mut Stage) -> Option<u64> {
+    for _ in 0..BOX_FRAMES {
+        if let Some((boxes, capacity)) = stage.offline.boxes(stage.camera, stage.terrain)
+            && (1..=capacity).contains(&boxes)
+        {
+            return Some(boxes);
+        }
+        stage.offline.step();
+    }
+    None
+}
+
+/// P1's name of a traversal.
+fn letter(traversal: Traversal) -> &'static str {
+    match traversal {
+        Traversal::PerTexel => "B per-texel",
+        Traversal::MaxMip => "C max-mip",
+        Traversal::Boxes => "A boxes",
+        Traversal::Hybrid => "hybrid",
+    }
+}
+
+fn words(setting: &Setting) -> String {
+    match setting.box_texels {
+        Some(texels) => format!("{} {texels}, {} px", setting.traversal, setting.max_error_px),
+        None => format!("{}, {} px", setting.traversal, setting.max_error_px),
+    }
+}
+
+/// Ratios of one box size: A:B, A:C, hybrid:B, hybrid:C; how many times the first is cheaper.
+struct Ratios {
+    texels: u32,
+    by_time: [Option<f64>; 4],
+    by_reads: [Option<f64>; 4],
+}
+
+fn find<'a>(
+    lines: &[&'a TerrainLine],
+    traversal: Traversal,
+    texels: Option<u32>,
+    error: Option<f32>,
+) -> Option<&'a TerrainLine> {
+    lines.iter().copied().find(|line| {
+        line.casting.traversal == traversal
+            && texels.is_none_or(|texels| line.casting.box_texels == texels)
+            && error.is_none_or(|error| line.casting.max_error_px == error)
+    })
+}
+
+fn ratios(lines: &[&TerrainLine]) -> Vec<Ratios> {
+    let b = find(lines, Traversal::PerTexel, None, None);
+    let c = find(lines, Traversal::MaxMip, None, Some(MAX_ERROR_PX));
+    let mut texels: Vec<u32> =
+        lines.iter().filter_map(|line| line.setting.box_texels).collect();
+    texels.sort_unstable();
+    texels.dedup();
+    texels
+        .into_iter()
+        .map(|texels| {
+            let of = |value: fn(&TerrainLine) -> f64| {
+                let ratio = |slow: Option<&TerrainLine>, quick: Traversal| {
+                    let quick = value(find(lines, quick, Some(texels), Some(MAX_ERROR_PX))?);
+                    (quick > 0.0).then_some(value(slow?) / quick)
+                };
+                [
+                    ratio(b, Traversal::Boxes),
+                    ratio(c, Traversal::Boxes),
+                    ratio(b, Traversal::Hybrid),
+                    ratio(c, Traversal::Hybrid),
+                ]
+            };
+            Ratios { texels, by_time: of(|line| line.time_ms.median), by_reads: of(|line| line.reads.mean) }
+        })
+        .collect()
+}
+
+const RATIO_NAMES: [&str; 4] = ["A:B", "A:C", "hybrid:B", "hybrid:C"];
+
+fn draw(
+    report: &mut Report,
+    view: &View,
+    size: UVec2,
+    measured: &Measured,
+) -> Result<(), AccuracyError> {
+    let lines: Vec<_> = measured.lines.iter().collect();
+    let path = report.file(&format!("picture_{}.png", view.name), &format!("The exact picture, {}", view.what));
+    report.save(&path, &measured.exact)?;
+    let panels: Vec<_> = measured
+        .heat
+        .iter()
+        .map(|(title, values)| HeatPanel { title: title.clone(), values })
+        .collect();
+    let path = report.file(
+        &format!("reads_{}.png", view.name),
+        &format!(
+            "Nodes and cells read for each pixel, {} (as P1, Fig. 8); boxes of {BOX_TEXELS} texels, \
+             {MAX_ERROR_PX} px allowed, B exact",
+            view.what
+        ),
+    );
+    let title = format!("Reads per pixel, {}", view.what);
+    write_heat_maps(&path, &title, "reads per pixel, one scale for all", size, &panels)?;
+
+    for (file, what, by_time) in
+        [("ratio_time", "time", true), ("ratio_reads", "reads", false)]
+    {
+        let ratios = ratios(&lines);
+        let mut series: Vec<Series> = RATIO_NAMES
+            .iter()
+            .enumerate()
+            .map(|(index, name)| Series {
+                name: (*name).into(),
+                points: ratios
+                    .iter()
+                    .filter_map(|ratios| {
+                        let value = if by_time { ratios.by_time } else { ratios.by_reads }[index]?;
+                        Some((f64::from(ratios.texels), value))
+                    })
+                    .collect(),
+                quoted: false,
+            })
+            .collect();
+        if by_time {
+            let paper = |name: &str, pick: fn(&(u32, f64, f64)) -> f64| Series {
+                name: name.into(),
+                points: PAPER.iter().map(|row| (f64::from(row.0), pick(row))).collect(),
+                quoted: true,
+            };
+            series.push(paper("A:B in P1", |row| row.1));
+            series.push(paper("A:C in P1", |row| row.2));
+        }
+        let path = report.file(
+            &format!("{file}_{}.png", view.name),
+            &format!("How many times cheaper by {what}, against box size, {} (as P1, Table 1)", view.what),
+        );
+        LinePlot {
+            title: format!("Times cheaper by {what}, {}", view.what),
+            x: Axis::log("box size, texels a side"),
+            y: Axis::log("ratio"),
+            series,
+        }
+        .write(&path)?;
+    }
+
+    let at_error = |traversal: Traversal| {
+        let mut points: Vec<(f64, f64)> = lines
+            .iter()
+            .filter(|line| line.casting.traversal == traversal && line.casting.box_texels == BOX_TEXELS)
+            .map(|line| (line.error.depth_error_px_p999, line.time_ms.median))
+            .collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Series { name: letter(traversal).into(), points, quoted: false }
+    };
+    let path = report.file(
+        &format!("time_error_{}.png", view.name),
+        &format!("Time against measured error for every max_error_px, {}", view.what),
+    );
+    LinePlot {
+        title: format!("Time against error, {}", view.what),
+        x: Axis::linear("distance from the exact surface, 99.9 % of pixels below, px"),
+        y: Axis::log("ms"),
+        series: vec![
+            at_error(Traversal::MaxMip),
+            at_error(Traversal::Boxes),
+            at_error(Traversal::Hybrid),
+        ],
+    }
+    .write(&path)?;
+    Ok(())
+}
+
+/// A table: title, heads, rows.
+pub(super) type Table = (String, Vec<String>, Vec<Vec<String>>);
+
+fn view_tables(view: &View, lines: &[&TerrainLine]) -> Vec<Table> {
+    let heads = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+    let number = |value: Option<f64>| value.map_or_else(|| "–".into(), short);
+    let ratio_rows = ratios(lines)
+        .into_iter()
+        .map(|ratios| {
+            let paper = PAPER.iter().find(|row| row.0 == ratios.texels);
+            let mut row = vec![format!("{}²", ratios.texels)];
+            row.extend(ratios.by_time.map(number));
+            row.extend(ratios.by_reads.map(number));
+            row.push(number(paper.map(|row| row.1)));
+            row.push(number(paper.map(|row| row.2)));
+            row
+        })
+        .collect();
+    let setting_rows = lines
+        .iter()
+        .map(|line| {
+            let error = &line.error;
+            let pass = |pass: &str| number(line.pass_ms.get(pass).copied());
+            let mut row = vec![
+                line.setting.traversal.to_owned(),
+                line.setting.box_texels.map_or_else(|| "–".into(), |texels| texels.to_string()),
+                line.setting.max_error_px.to_string(),
+                short(line.time_ms.median),
+                format!("{}…{} ({})", short(line.time_ms.min), short(line.time_ms.max), line.time_ms.runs),
+            ];
+            row.extend(CAST_PASSES.map(pass));
+            row.extend([
+                short(line.reads.mean),
+                line.reads.p99.to_string(),
+                line.reads.max.to_string(),
+                line.boxes.map_or_else(|| "–".into(), |boxes| boxes.to_string()),
+                error.coverage_errors_px.to_string(),
+                short(error.silhouette_px_max),
+                short(error.depth_error_px_p999),
+                short(error.depth_error_px_max),
+                short(error.flip_mean),
+            ]);
+            row
+        })
+        .collect();
+    vec![
+        (
+            format!("P1's Table 1, view {}: times cheaper, {MAX_ERROR_PX} px allowed (B exact)", view.what),
+            heads(&[
+                "τ", "A:B time", "A:C time", "hybrid:B time", "hybrid:C time", "A:B reads", "A:C reads",
+                "hybrid:B reads", "hybrid:C reads", "A:B in P1", "A:C in P1",
+            ]),
+            ratio_rows,
+        ),
+        (
+            format!("Every setting, view {}", view.what),
+            heads(&[
+                "traversal", "box_texels", "max_error_px", "ms", "min…max (runs)", "subdivide", "box_entry",
+                "beam", "ray_cast", "reads", "reads p99", "reads max", "boxes", "coverage errors px",
+                "silhouette px max", "depth error px p99.9", "depth error px max", "FLIP mean",
+            ]),
+            setting_rows,
+        ),
+    ]
+}
+
+/// Three significant digits.
+fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let digits = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
+    let text = format!("{value:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+}
+
+fn csv(lines: &[TerrainLine]) -> Table {
+    let mut heads: Vec<String> = [
+        "effect", "scene", "traversal", "box_texels", "max_error_px", "time_ms_median", "time_ms_min",
+        "time_ms_max", "time_ms_runs",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    heads.extend(CAST_PASSES.map(|pass| format!("{pass}_ms")));
+    heads.extend(
+        [
+            "reads_mean", "reads_p99", "reads_max", "boxes", "coverage_errors_px", "silhouette_px_max",
+            "depth_error_px_p999", "depth_error_px_max", "flip_mean", "width_px", "height_px", "adapter",
+        ]
+        .map(str::to_owned),
+    );
+    let optional = |value: Option<String>| value.unwrap_or_default();
+    let rows = lines.iter().map(|line| {
+        let mut row = vec![
+            line.effect.to_owned(),
+            line.scene.clone(),
+            line.setting.traversal.to_owned(),
+            optional(line.setting.box_texels.map(|texels| texels.to_string())),
+            line.setting.max_error_px.to_string(),
+            line.time_ms.median.to_string(),
+            line.time_ms.min.to_string(),
+            line.time_ms.max.to_string(),
+            line.time_ms.runs.to_string(),
+        ];
+        row.extend(CAST_PASSES.map(|pass| optional(line.pass_ms.get(pass).map(f64::to_string))));
+        let error = &line.error;
+        row.extend([
+            line.reads.mean.to_string(),
+            line.reads.p99.to_string(),
+            line.reads.max.to_string(),
+            optional(line.boxes.map(|boxes| boxes.to_string())),
+            error.coverage_errors_px.to_string(),
+            error.silhouette_px_max.to_string(),
+            error.depth_error_px_p999.to_string(),
+            error.depth_error_px_max.to_string(),
+            error.flip_mean.to_string(),
+            line.size_px[0].to_string(),
+            line.size_px[1].to_string(),
+            line.adapter.clone(),
+        ]);
+        row
+    });
+    (String::new(), heads, rows.collect())
+}
+
+fn highlights(views: &[View], lines: &[TerrainLine]) -> serde_json::Value {
+    let of_view = |view: &View| {
+        let lines: Vec<_> = lines.iter().filter(|line| line.view == view.name).collect();
+        let best = |index: usize, by_time: bool| {
+            ratios(&lines)
+                .iter()
+                .filter_map(|r| {
+                    let value = if by_time { r.by_time } else { r.by_reads }[index]?;
+                    Some((r.texels, value))
+                })
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+                .map(|(texels, value)| serde_json::json!({"box_texels": texels, "ratio": value}))
+        };
+        let named = |by_time| {
+            RATIO_NAMES
+                .iter()
+                .enumerate()
+                .map(|(index, name)| ((*name).to_owned(), best(index, by_time).into()))
+                .collect::<serde_json::Map<_, _>>()
+        };
+        serde_json::json!({ "best_by_time": named(true), "best_by_reads": named(false) })
+    };
+    views
+        .iter()
+        .map(|view| (view.name.to_owned(), of_view(view)))
+        .collect::<serde_json::Map<_, _>>()
+        .into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_begin_with_the_exact_one_and_never_repeat() {
+        let field = super::super::scene::mountains(129).expect("a field can be made");
+        for plan in [Plan::full(), Plan::quick()] {
+            let settings = plan.settings(&field);
+            assert_eq!((settings[0].traversal, settings[0].max_error_px), (Traversal::MaxMip, 0.0));
+            for (index, setting) in settings.iter().enumerate() {
+                assert!(!settings[..index].contains(setting), "{setting:?}");
+            }
+            assert!(settings.iter().all(|s| s.box_texels <= 128));
+        }
+    }
+
+    #[test]
+    fn numbers_are_short_but_not_wrong() {
+        assert_eq!(short(0.0), "0");
+        assert_eq!(short(1234.5), "1234");
+        assert_eq!(short(42.51), "42.5");
+        assert_eq!(short(0.001_234), "0.00123");
+        assert_eq!(short(100.0), "100");
+    }
+}
