@@ -11,6 +11,7 @@
 @group(#{FIELD_GROUP}) @binding(1) var heights: texture_2d<u32>;
 @group(#{FIELD_GROUP}) @binding(2) var<storage, read> pyramid: array<u32>;
 #endif
+@group(#{FIELD_GROUP}) @binding(3) var heights_sampler: sampler;
 
 /// Nodes of level k along x and z.
 fn level_size(k: u32) -> vec2<i32> {
@@ -37,12 +38,9 @@ fn sample_height(at: vec2<i32>) -> f32 {
     return f32(textureLoad(heights, at, 0).x) - view.anchor_y;
 }
 
-/// Heights of a cell's corners (i,j), (i+1,j), (i,j+1), (i+1,j+1), relative to the anchor.
+/// Heights of a cell's corners (i,j), (i+1,j), (i,j+1), (i+1,j+1), relative to the anchor. One gather around the
+/// point where the four texels meet, half a texel from choosing others.
 fn cell_corners(cell: vec2<i32>) -> vec4<f32> {
-    return vec4(
-        f32(textureLoad(heights, cell, 0).x),
-        f32(textureLoad(heights, cell + vec2(1, 0), 0).x),
-        f32(textureLoad(heights, cell + vec2(0, 1), 0).x),
-        f32(textureLoad(heights, cell + vec2(1, 1), 0).x),
-    ) - view.anchor_y;
+    let at = vec2<f32>(cell + 1) / vec2<f32>(view.cells + 1);
+    return vec4<f32>(textureGather(0, heights, heights_sampler, at).wzxy) - view.anchor_y;
 }

@@ -63,7 +63,7 @@ fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) 
         let tiles_x = (view.size_px.x + BEAM_PX - 1u) / BEAM_PX;
         let start = tile_start[(id.y / BEAM_PX) * tiles_x + id.x / BEAM_PX];
         starts = starts && start.t >= 0.0;
-        levels = Levels(start.level, view.levels, false);
+        levels = Levels(max(start.level, 2u) - 1u, view.levels, false);
         t_start = max(t_start, start.t);
     } else if view.traversal == TRAVERSAL_MAX_MIP {
         levels = Levels(view.levels, view.levels, false);

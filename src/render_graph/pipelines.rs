@@ -115,6 +115,7 @@ impl TerrainPipelines {
                         uniform_buffer::<GpuTerrainView>(false),
                         heights(float),
                         storage_buffer_read_only_sized(false, None),
+                        sampler(SamplerBindingType::NonFiltering),
                     ),
                 ),
             )

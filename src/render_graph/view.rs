@@ -241,6 +241,7 @@ pub struct TerrainViews {
 struct Unused {
     buffer: Buffer,
     texture: TextureView,
+    nearest: Sampler,
 }
 
 impl TerrainViews {
@@ -901,6 +902,7 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
                 slot.view.binding()?,
                 &field.heights,
                 field.pyramid.as_entire_binding(),
+                &unused.nearest,
             )),
         ),
         subdivide,
@@ -976,6 +978,7 @@ impl Unused {
                 mapped_at_creation: false,
             }),
             texture: texture.create_view(&default()),
+            nearest: device.create_sampler(&SamplerDescriptor::default()),
         }
     }
 }
