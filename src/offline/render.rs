@@ -243,7 +243,7 @@ pub struct Figures {
     pub box_texels: u32,
     /// The error allowed. units: px
     pub max_error_px: f32,
-    /// GPU time of each pass that casts rays. units: ms
+    /// GPU time of each pass that casts rays, and their `total`. units: ms
     pub gpu_ms: BTreeMap<&'static str, f64>,
     /// How `gpu_ms` was measured.
     pub gpu_ms_by: Clock,
@@ -483,11 +483,14 @@ pub fn render(field: HeightField, shot: &Shot) -> Result<Rendered, RenderError> 
         .zip(ground().reduce(f32::max))
         .map(<[f32; 2]>::from);
     let picture = stage.picture()?;
-    let (gpu_ms, gpu_ms_by) = if rays.is_some() {
+    let (mut gpu_ms, gpu_ms_by) = if rays.is_some() {
         stage.gpu_ms()
     } else {
         default()
     };
+    if !gpu_ms.is_empty() {
+        gpu_ms.insert("total", gpu_ms.values().sum());
+    }
     let figures = Figures {
         size: shot.size.to_array(),
         adapter: stage.offline.adapter(),

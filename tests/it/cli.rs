@@ -91,6 +91,8 @@ fn depth_of_a_flat_field_is_that_of_a_plane() {
             &depth,
         ]));
         assert_eq!(printed["traversal"], traversal);
+        let total = printed["gpu_ms"]["total"].as_f64();
+        assert!(total >= printed["gpu_ms"]["ray_cast"].as_f64() && total > Some(0.0));
         assert_eq!(printed["size"], serde_json::json!([width, height]));
         let picture = image::open(&out).expect("the picture can be read");
         assert_eq!(
