@@ -9,12 +9,10 @@ pub mod view_rays;
 
 use bevy::{camera::visibility::Visibility, prelude::*};
 
-pub use height_field::{
-    Changed as HeightFieldChanged, HeightField, HeightFieldError, HeightSamples,
-};
+pub use height_field::{Changed as HeightFieldChanged, HeightField, HeightFieldError, HeightSamples};
 pub use loader::{
-    HeightFieldLoadError, HeightFieldLoader, HeightFieldNote, HeightFieldPlugin,
-    HeightFieldSettings, VoidHandling, decode_height_field, read_height_field,
+    HeightFieldLoadError, HeightFieldLoader, HeightFieldNote, HeightFieldPlugin, HeightFieldSettings,
+    VoidHandling, decode_height_field, read_height_field,
 };
 pub use pyramid::{MinMaxPyramid, PyramidNodes};
 pub use query::{HeightFieldHit, HeightFieldHitF64, HitSide, TerrainHit, TerrainQuery};
@@ -158,3 +156,4 @@ pub(crate) fn register(app: &mut App) {
         .register_type::<TerrainRayCasting>()
         .register_type::<Traversal>();
 }
+
