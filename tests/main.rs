@@ -15,6 +15,9 @@ mod query;
 #[cfg(feature = "cli")]
 #[path = "it/ray_cast.rs"]
 mod ray_cast;
+#[cfg(feature = "cli")]
+#[path = "it/terrain_app.rs"]
+mod terrain_app;
 #[path = "it/terrain_scenes.rs"]
 mod terrain_scenes;
 #[path = "it/twin.rs"]

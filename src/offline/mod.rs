@@ -33,6 +33,7 @@ use crate::{
     plugin::SkylinePlugins,
     render_graph::{
         extract::affine64,
+        height_mips::GpuHeightFields,
         stats::{TerrainCounts, TerrainStats},
         terrain::Caster,
         view::TerrainViews,
@@ -342,6 +343,26 @@ impl Offline {
         image::RgbaImage::from_raw(size.x, size.y, bytes).ok_or_else(gone)
     }
 
+    /// The pyramid of a height field as the GPU has it, laid out as
+    /// [`MinMaxPyramid`](crate::terrain::MinMaxPyramid); `None` if no terrain shows it.
+    ///
+    /// # Errors
+    /// [`OfflineError::ReadBack`].
+    pub fn pyramid(&self, field: AssetId<HeightField>) -> Result<Option<Vec<u8>>, OfflineError> {
+        let Some(field) = self
+            .app
+            .get_sub_app(RenderApp)
+            .and_then(|render| render.world().get_resource::<GpuHeightFields>()?.get(field))
+        else {
+            return Ok(None);
+        };
+        let size = field.pyramid.size();
+        self.read_back(size, |encoder, buffer| {
+            encoder.copy_buffer_to_buffer(&field.pyramid, 0, buffer, 0, size);
+        })
+        .map(Some)
+    }
+
     /// Copies a texture back, rows from the top, without padding.
     fn read_texture(
         &self,
@@ -349,48 +370,56 @@ impl Offline {
         size: UVec2,
         texel_bytes: u32,
     ) -> Result<Vec<u8>, OfflineError> {
+        let row = size.x * texel_bytes;
+        let padded = row.next_multiple_of(256);
+        let bytes =
+            self.read_back(u64::from(padded) * u64::from(size.y), |encoder, buffer| {
+                encoder.copy_texture_to_buffer(
+                    texture.as_image_copy(),
+                    TexelCopyBufferInfo {
+                        buffer,
+                        layout: TexelCopyBufferLayout {
+                            offset: 0,
+                            bytes_per_row: Some(padded),
+                            rows_per_image: None,
+                        },
+                    },
+                    Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
+                );
+            })?;
+        Ok(bytes.chunks(padded as usize).flat_map(|line| &line[..row as usize]).copied().collect())
+    }
+
+    /// Has the GPU write a buffer, waits for it, and returns its bytes.
+    fn read_back(
+        &self,
+        size: u64,
+        write: impl FnOnce(&mut CommandEncoder, &Buffer),
+    ) -> Result<Vec<u8>, OfflineError> {
         let world = self.app.world();
         let (Some(device), Some(queue)) =
             (world.get_resource::<RenderDevice>(), world.get_resource::<RenderQueue>())
         else {
             return Err(OfflineError::NoDevice);
         };
-        let row = size.x * texel_bytes;
-        let padded = row.next_multiple_of(256);
         let buffer = device.create_buffer(&BufferDescriptor {
             label: Some("skyline_read_back"),
-            size: u64::from(padded) * u64::from(size.y),
+            size,
             usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
             mapped_at_creation: false,
         });
         let mut encoder = device.create_command_encoder(&default());
-        encoder.copy_texture_to_buffer(
-            texture.as_image_copy(),
-            TexelCopyBufferInfo {
-                buffer: &buffer,
-                layout: TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(padded),
-                    rows_per_image: None,
-                },
-            },
-            Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
-        );
+        write(&mut encoder, &buffer);
         queue.submit([encoder.finish()]);
         let (sender, receiver) = std::sync::mpsc::channel();
         buffer.slice(..).map_async(MapMode::Read, move |result| {
+            // The receiver waits below for as long as this can run.
             let _ = sender.send(result);
         });
-        device
-            .poll(PollType::wait_indefinitely())
-            .map_err(|error| OfflineError::ReadBack(error.to_string()))?;
-        match receiver.recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(OfflineError::ReadBack(error.to_string())),
-            Err(error) => return Err(OfflineError::ReadBack(error.to_string())),
-        }
-        let bytes = buffer.slice(..).get_mapped_range();
-        Ok(bytes.chunks(padded as usize).flat_map(|line| &line[..row as usize]).copied().collect())
+        let failed = |error: &dyn core::fmt::Display| OfflineError::ReadBack(error.to_string());
+        device.poll(PollType::wait_indefinitely()).map_err(|error| failed(&error))?;
+        receiver.recv().map_err(|error| failed(&error))?.map_err(|error| failed(&error))?;
+        Ok(buffer.slice(..).get_mapped_range().to_vec())
     }
 
     /// GPU time of each span in the last frame it was measured in. units: ms
