@@ -111,6 +111,8 @@ fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
         if !going {
             return hit;
         }
+        // It is; said so that what follows needs no shifts.
+        place.k = 0u;
         let exit = exit_of(ray, place);
         let corners = cell_corners(place.cell);
         hit.reads += 1u;
