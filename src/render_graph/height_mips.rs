@@ -119,7 +119,9 @@ impl GpuHeightFields {
                 whole
             }
         };
-        let Some(gpu) = self.fields.get_mut(&id) else { return };
+        let Some(gpu) = self.fields.get_mut(&id) else {
+            return;
+        };
         gpu.write(field.samples(), rect, queue);
         gpu.revision = field.revision();
         gpu.pending = Some(gpu.pending.map_or(rect, |old| old.union(rect)));
@@ -137,9 +139,15 @@ fn check_limits(field: &HeightField, limits: &WgpuLimits) -> Result<(), String> 
             size.x, size.y
         ));
     }
-    let node_bytes = if matches!(field.samples(), HeightSamples::F32(_)) { 8 } else { 4 };
+    let node_bytes = if matches!(field.samples(), HeightSamples::F32(_)) {
+        8
+    } else {
+        4
+    };
     let bytes = field.pyramid().node_count() as u64 * node_bytes;
-    let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    let most = limits
+        .max_storage_buffer_binding_size
+        .min(limits.max_buffer_size);
     if bytes > most {
         return Err(format!(
             "the pyramid of a height field of {}x{} samples takes {bytes} bytes, more than this GPU's \
@@ -160,7 +168,11 @@ impl GpuHeightField {
         };
         let texture = device.create_texture(&TextureDescriptor {
             label: Some("skyline_heights"),
-            size: Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
+            size: Extent3d {
+                width: size.x,
+                height: size.y,
+                depth_or_array_layers: 1,
+            },
             mip_level_count: 1,
             sample_count: 1,
             dimension: TextureDimension::D2,
@@ -204,7 +216,11 @@ impl GpuHeightField {
             TexelCopyTextureInfo {
                 texture: &self.texture,
                 mip_level: 0,
-                origin: Origin3d { x: rect.min.x, y: rect.min.y, z: 0 },
+                origin: Origin3d {
+                    x: rect.min.x,
+                    y: rect.min.y,
+                    z: 0,
+                },
                 aspect: TextureAspect::All,
             },
             bytes,
@@ -213,7 +229,11 @@ impl GpuHeightField {
                 bytes_per_row: Some(self.size.x * sample_bytes),
                 rows_per_image: None,
             },
-            Extent3d { width: rect.width(), height: rect.height(), depth_or_array_layers: 1 },
+            Extent3d {
+                width: rect.width(),
+                height: rect.height(),
+                depth_or_array_layers: 1,
+            },
         );
     }
 
@@ -258,15 +278,21 @@ pub fn height_mips(
     for field in fields.fields.values_mut() {
         let Some(rect) = field.pending else { continue };
         let key = PipelineKey::HeightMips { float: field.float };
-        let PipelineId::Compute(id) = pipelines.get(&cache, key) else { continue };
-        let Some(pipeline) = cache.get_compute_pipeline(id) else { continue };
+        let PipelineId::Compute(id) = pipelines.get(&cache, key) else {
+            continue;
+        };
+        let Some(pipeline) = cache.get_compute_pipeline(id) else {
+            continue;
+        };
         let mut uniforms = DynamicUniformBuffer::<GpuMipLevel>::default();
         let levels: Vec<_> = field
             .levels_under(rect)
             .map(|level| (uniforms.push(&level), level.count.as_uvec2()))
             .collect();
         uniforms.write_buffer(&device, &queue);
-        let Some(binding) = uniforms.binding() else { continue };
+        let Some(binding) = uniforms.binding() else {
+            continue;
+        };
         let bind_group = device.create_bind_group(
             "skyline_height_mips",
             &cache.get_bind_group_layout(pipelines.height_mips(field.float)),
@@ -278,10 +304,12 @@ pub fn height_mips(
         );
         let span = diagnostics.time_span(ctx.command_encoder(), "height_mips");
         {
-            let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
-                label: Some("height_mips"),
-                timestamp_writes: None,
-            });
+            let mut pass = ctx
+                .command_encoder()
+                .begin_compute_pass(&ComputePassDescriptor {
+                    label: Some("height_mips"),
+                    timestamp_writes: None,
+                });
             pass.set_pipeline(pipeline);
             for (offset, count) in levels {
                 pass.set_bind_group(0, &bind_group, &[offset]);

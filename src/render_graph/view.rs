@@ -51,8 +51,7 @@ mod flag {
     pub const STARTS_IN_AIR: u32 = 1;
     pub const BASEMENT: u32 = 2;
     pub const FIRST: u32 = 4;
-    pub const DEPTH_DRAWN: u32 = 8;
-    pub const MIRRORED: u32 = 16;
+    pub const MIRRORED: u32 = 8;
 }
 
 /// Mirrors `TerrainView` in `types.wgsl`, field by field.
@@ -253,20 +252,20 @@ impl TerrainViews {
             .map(|view| {
                 let targets = view.targets.as_ref().map_or(0, |t| 8 * pixels(t.size));
                 let boxes = view.boxes.as_ref().map_or(0, |b| 8 * pixels(b.size));
-                let slots: u64 = view
-                    .slots
-                    .values()
-                    .map(|slot| {
-                        let lists = slot.lists.as_ref().map_or(0, |lists| {
-                            24 * u64::from(lists.capacity) + 3 * COUNT_BYTES
-                        });
-                        let tiles = slot
-                            .tile_start
-                            .as_ref()
-                            .map_or(0, |starts| starts.iter().map(|s| s.buffer.size()).sum());
-                        lists + tiles + 1024
-                    })
-                    .sum();
+                let slots: u64 =
+                    view.slots
+                        .values()
+                        .map(|slot| {
+                            let lists = slot.lists.as_ref().map_or(0, |lists| {
+                                24 * u64::from(lists.capacity) + 3 * COUNT_BYTES
+                            });
+                            let tiles = slot
+                                .tile_start
+                                .as_ref()
+                                .map_or(0, |starts| starts.iter().map(|s| s.buffer.size()).sum());
+                            lists + tiles + 1024
+                        })
+                        .sum();
                 targets + boxes + slots
             })
             .sum()
@@ -298,13 +297,16 @@ pub fn prepare_terrain_views(
     let mut boxes = (0, 0);
     for (extracted_view, camera, jitter, resolution) in &cameras {
         let main_entity = extracted_view.retained_view_entity.main_entity.id();
-        let Some(terrain_camera) = extracted.cameras.iter().find(|c| c.entity == main_entity) else {
+        let Some(terrain_camera) = extracted.cameras.iter().find(|c| c.entity == main_entity)
+        else {
             continue;
         };
         if extracted.terrains.is_empty() {
             continue;
         }
-        let Some(full_size) = camera.physical_viewport_size else { continue };
+        let Some(full_size) = camera.physical_viewport_size else {
+            continue;
+        };
         let size_px = resolution.map_or(full_size, |size| size.0);
         let mut clip_from_view = extracted_view.clip_from_view;
         let unjittered = clip_from_view;
@@ -320,8 +322,10 @@ pub fn prepare_terrain_views(
             camera.viewport.as_ref(),
             resolution,
         );
-        let viewport_px =
-            view.viewport.as_ref().map_or(Vec2::ZERO, |v| v.physical_position.as_vec2());
+        let viewport_px = view
+            .viewport
+            .as_ref()
+            .map_or(Vec2::ZERO, |v| v.physical_position.as_vec2());
         for slot in view.slots.values_mut() {
             slot.seen = false;
         }
@@ -329,7 +333,9 @@ pub fn prepare_terrain_views(
             if !terrain.layers.intersects(&terrain_camera.layers) {
                 continue;
             }
-            let Some(field) = fields.get(terrain.field) else { continue };
+            let Some(field) = fields.get(terrain.field) else {
+                continue;
+            };
             // Out of view for now or not, the slot stays: only a terrain that is gone frees it.
             let slot = view.slots.entry(terrain.entity).or_default();
             slot.seen = true;
@@ -347,7 +353,9 @@ pub fn prepare_terrain_views(
                 whole_heights: terrain.whole_heights,
                 max_error_px: terrain_camera.settings.max_error_px,
             });
-            let Some(rays) = rays.filter(ViewRays::sees_terrain) else { continue };
+            let Some(rays) = rays.filter(ViewRays::sees_terrain) else {
+                continue;
+            };
             let in_air = extracted
                 .in_air
                 .get(&(main_entity, terrain.entity))
@@ -381,7 +389,9 @@ pub fn prepare_terrain_views(
         }
         terrain_views.views.insert(main_entity, view);
     }
-    terrain_views.views.retain(|_, view| view.seen && !view.slots.is_empty());
+    terrain_views
+        .views
+        .retain(|_, view| view.seen && !view.slots.is_empty());
     if terrain_views.views.is_empty() {
         terrain_views.unused = None;
     }
@@ -415,7 +425,15 @@ impl TerrainSlot {
         queue: &RenderQueue,
         generation: &mut u64,
     ) {
-        let SlotInputs { terrain, field, rays, settings, in_air, id, .. } = *inputs;
+        let SlotInputs {
+            terrain,
+            field,
+            rays,
+            settings,
+            in_air,
+            id,
+            ..
+        } = *inputs;
         self.traversal = settings.traversal;
         self.float = field.float;
         self.levels = field.level_offsets.len() as u32;
@@ -425,7 +443,11 @@ impl TerrainSlot {
         let tiles = BEAM_PX.map(|side| rays.size_px.map(|n| n.div_ceil(side)));
         if !hybrid {
             self.tile_start = None;
-        } else if self.tile_start.as_ref().is_none_or(|starts| starts[1].tiles != tiles[1]) {
+        } else if self
+            .tile_start
+            .as_ref()
+            .is_none_or(|starts| starts[1].tiles != tiles[1])
+        {
             self.tile_start = Some(tiles.map(|tiles| TileStarts {
                 buffer: device.create_buffer(&BufferDescriptor {
                     label: Some("skyline_tile_start"),
@@ -455,12 +477,15 @@ impl TerrainSlot {
         if rays.mirrored {
             flags |= flag::MIRRORED;
         }
-        let _ = flag::DEPTH_DRAWN;
         // P1 divides while four texels of the box would still cover more than a pixel. A hybrid's boxes need
         // not be finer than its tiles.
         let texels = f32::from(1u16 << self.box_level.min(15));
         let lod_area = 4.0 * (texels * rays.max_error_px).powi(2);
-        let tile_area = if hybrid { (BEAM_PX[0] * BEAM_PX[0]) as f32 } else { 0.0 };
+        let tile_area = if hybrid {
+            (BEAM_PX[0] * BEAM_PX[0]) as f32
+        } else {
+            0.0
+        };
         let mut level_offset = [UVec4::ZERO; 8];
         for (i, offset) in field.level_offsets.iter().enumerate() {
             // Level k is `level_offsets[k - 1]`.
@@ -526,8 +551,9 @@ impl TerrainSlot {
         )
         .max_element();
         let normal_from_grid = (linear * (1.0 / scale)).inverse().transpose();
-        let (previous_clip, previous_world) =
-            self.previous.unwrap_or((inputs.clip_from_world, terrain.world_from_local));
+        let (previous_clip, previous_world) = self
+            .previous
+            .unwrap_or((inputs.clip_from_world, terrain.world_from_local));
         self.placement.set(GpuPlacement {
             world_from_grid: DMat4::from(world_from_grid).as_mat4(),
             normal_from_grid: normal_from_grid.as_mat3(),
@@ -583,7 +609,12 @@ impl TerrainSlot {
         };
         let mut passes = DynamicUniformBuffer::default();
         let pass_offsets = (0..MAX_PASSES)
-            .map(|index| passes.push(&GpuSubdividePass { index, node_capacity: wanted }))
+            .map(|index| {
+                passes.push(&GpuSubdividePass {
+                    index,
+                    node_capacity: wanted,
+                })
+            })
             .collect();
         passes.write_buffer(device, queue);
         let mut template = initial_counts().to_vec();
@@ -602,7 +633,10 @@ impl TerrainSlot {
                 list("skyline_nodes", BufferUsages::empty()),
             ],
             boxes: list("skyline_boxes", BufferUsages::empty()),
-            counts: counts("skyline_box_counts", BufferUsages::STORAGE | BufferUsages::COPY_SRC),
+            counts: counts(
+                "skyline_box_counts",
+                BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+            ),
             arguments: counts("skyline_box_arguments", BufferUsages::INDIRECT),
             template: device.create_buffer_with_data(&BufferInitDescriptor {
                 label: Some("skyline_box_template"),
@@ -620,7 +654,10 @@ impl TerrainSlot {
 
     /// Texels of the view's box targets that this traversal draws to.
     pub fn box_target_size(&self, view: &ViewTerrain) -> UVec2 {
-        let size = view.targets.as_ref().map_or(UVec2::ONE, |targets| targets.size);
+        let size = view
+            .targets
+            .as_ref()
+            .map_or(UVec2::ONE, |targets| targets.size);
         match self.traversal {
             Traversal::Hybrid => size.map(|n| n.div_ceil(BEAM_PX[0])),
             _ => size,
@@ -636,7 +673,11 @@ impl TerrainSlot {
 fn gpu_look(look: &TerrainLook, (lowest, highest): (f64, f64)) -> GpuTerrainLook {
     let linear = |colour: Color| colour.to_linear().to_vec4();
     let (colours, edges, textured) = match &look.colour {
-        TerrainColour::Bands { colours, edges, blend } => {
+        TerrainColour::Bands {
+            colours,
+            edges,
+            blend,
+        } => {
             let span = (highest - lowest).max(1e-9);
             let at = |share: f32| (lowest + f64::from(share) * span) as f32;
             (
@@ -650,9 +691,7 @@ fn gpu_look(look: &TerrainLook, (lowest, highest): (f64, f64)) -> GpuTerrainLook
                 0,
             )
         }
-        TerrainColour::Uniform(colour) => {
-            ([linear(*colour); 4], Vec4::new(0.0, 0.0, 0.0, 1.0), 0)
-        }
+        TerrainColour::Uniform(colour) => ([linear(*colour); 4], Vec4::new(0.0, 0.0, 0.0, 1.0), 0),
         TerrainColour::Albedo(_) => ([Vec4::ONE; 4], Vec4::new(0.0, 0.0, 0.0, 1.0), 1),
     };
     GpuTerrainLook {
@@ -670,7 +709,11 @@ impl ViewTerrain {
         let texture = |label, size: UVec2, format, usage| {
             device.create_texture(&TextureDescriptor {
                 label: Some(label),
-                size: Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
+                size: Extent3d {
+                    width: size.x,
+                    height: size.y,
+                    depth_or_array_layers: 1,
+                },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: TextureDimension::D2,
@@ -679,7 +722,11 @@ impl ViewTerrain {
                 view_formats: &[],
             })
         };
-        if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
+        if self
+            .targets
+            .as_ref()
+            .is_none_or(|targets| targets.size != size)
+        {
             *generation += 1;
             let usage = TextureUsages::STORAGE_BINDING
                 | TextureUsages::TEXTURE_BINDING
@@ -696,9 +743,11 @@ impl ViewTerrain {
             });
         }
         let traversals = |traversal| {
-            self.drawn
-                .iter()
-                .any(|e| self.slots.get(e).is_some_and(|slot| slot.traversal == traversal))
+            self.drawn.iter().any(|e| {
+                self.slots
+                    .get(e)
+                    .is_some_and(|slot| slot.traversal == traversal)
+            })
         };
         let box_size = if traversals(Traversal::Boxes) {
             Some(size)
@@ -738,6 +787,7 @@ impl ViewTerrain {
 }
 
 /// Binds what [`prepare_terrain_views`] prepared, where it is not bound already, and queues the pipelines.
+#[expect(clippy::too_many_arguments, reason = "a system asks for what it needs")]
 pub fn prepare_terrain_bind_groups(
     mut terrain_views: ResMut<TerrainViews>,
     mut pipelines: ResMut<TerrainPipelines>,
@@ -754,11 +804,17 @@ pub fn prepare_terrain_bind_groups(
         return;
     }
     let terrain_views = &mut *terrain_views;
-    let unused = terrain_views.unused.get_or_insert_with(|| Unused::new(&device));
+    let unused = terrain_views
+        .unused
+        .get_or_insert_with(|| Unused::new(&device));
     for (extracted_view, msaa, prepass) in &cameras {
         let main_entity = extracted_view.retained_view_entity.main_entity.id();
-        let Some(view) = terrain_views.views.get_mut(&main_entity) else { continue };
-        let Some(targets) = &view.targets else { continue };
+        let Some(view) = terrain_views.views.get_mut(&main_entity) else {
+            continue;
+        };
+        let Some(targets) = &view.targets else {
+            continue;
+        };
         let drawn_depth = prepass
             .and_then(|textures| textures.depth.as_ref())
             // A deferred camera's copy is made later, and a multisampled one has no single depth.
@@ -766,8 +822,12 @@ pub fn prepare_terrain_bind_groups(
             .map(|depth| &depth.texture.default_view);
         let mesh_key = view_keys.get(&extracted_view.retained_view_entity).copied();
         for terrain in &view.drawn {
-            let Some(slot) = view.slots.get_mut(terrain) else { continue };
-            let Some(field) = slot.field.and_then(|id| fields.get(id)) else { continue };
+            let Some(slot) = view.slots.get_mut(terrain) else {
+                continue;
+            };
+            let Some(field) = slot.field.and_then(|id| fields.get(id)) else {
+                continue;
+            };
             let float = field.float;
             let mut compute = |key| match pipelines.get(&cache, key) {
                 PipelineId::Compute(id) => Some(id),
@@ -776,7 +836,9 @@ pub fn prepare_terrain_bind_groups(
             let uses_boxes = slot.lists.is_some();
             let beams = slot.tile_start.is_some();
             let stop_at_depth = drawn_depth.is_some();
-            let subdivide = uses_boxes.then(|| compute(PipelineKey::Subdivide { float })).flatten();
+            let subdivide = uses_boxes
+                .then(|| compute(PipelineKey::Subdivide { float }))
+                .flatten();
             let beam = beams
                 .then(|| {
                     Some([
@@ -785,12 +847,17 @@ pub fn prepare_terrain_bind_groups(
                     ])
                 })
                 .flatten();
-            let ray_cast = compute(PipelineKey::RayCast { float, stop_at_depth });
+            let ray_cast = compute(PipelineKey::RayCast {
+                float,
+                stop_at_depth,
+            });
             let mut render = |key| match pipelines.get(&cache, key) {
                 PipelineId::Render(id) => Some(id),
                 PipelineId::Compute(_) => None,
             };
-            let box_entry = uses_boxes.then(|| render(PipelineKey::BoxEntry { float })).flatten();
+            let box_entry = uses_boxes
+                .then(|| render(PipelineKey::BoxEntry { float }))
+                .flatten();
             let terrain_depth = render(PipelineKey::TerrainDepth {
                 float,
                 samples: msaa.samples(),
@@ -860,11 +927,24 @@ struct BindInputs<'a> {
 }
 
 fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
-    let BindInputs { field, targets, unused, device, cache, pipelines, .. } = *inputs;
+    let BindInputs {
+        field,
+        targets,
+        unused,
+        device,
+        cache,
+        pipelines,
+        ..
+    } = *inputs;
     let layout = |descriptor| cache.get_bind_group_layout(descriptor);
     let lists = slot.lists.as_ref();
-    let box_entry_view = inputs.boxes.map_or(&unused.texture, |boxes| &boxes.entry_view);
-    let tile_start = slot.tile_start.as_ref().map_or(&unused.buffer, |starts| &starts[1].buffer);
+    let box_entry_view = inputs
+        .boxes
+        .map_or(&unused.texture, |boxes| &boxes.entry_view);
+    let tile_start = slot
+        .tile_start
+        .as_ref()
+        .map_or(&unused.buffer, |starts| &starts[1].buffer);
     let counts = lists.map_or(&unused.buffer, |lists| &lists.counts);
     let subdivide = lists.and_then(|lists| {
         let passes = lists.passes.binding()?;
@@ -892,7 +972,10 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
     ))
     .to_vec();
     if let Some(depth) = inputs.drawn_depth {
-        ray_cast.push(BindGroupEntry { binding: 5, resource: depth.into_binding() });
+        ray_cast.push(BindGroupEntry {
+            binding: 5,
+            resource: depth.into_binding(),
+        });
     }
     Some(SlotBindGroups {
         field: device.create_bind_group(
@@ -914,20 +997,22 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
             )
         }),
         beam: slot.tile_start.as_ref().map(|starts| {
-            [(&starts[0].buffer, &unused.buffer), (&starts[1].buffer, &starts[0].buffer)].map(
-                |(out, coarse)| {
-                    device.create_bind_group(
-                        "skyline_beam",
-                        &layout(&pipelines.beam),
-                        &BindGroupEntries::sequential((
-                            out.as_entire_binding(),
-                            box_entry_view,
-                            counts.as_entire_binding(),
-                            coarse.as_entire_binding(),
-                        )),
-                    )
-                },
-            )
+            [
+                (&starts[0].buffer, &unused.buffer),
+                (&starts[1].buffer, &starts[0].buffer),
+            ]
+            .map(|(out, coarse)| {
+                device.create_bind_group(
+                    "skyline_beam",
+                    &layout(&pipelines.beam),
+                    &BindGroupEntries::sequential((
+                        out.as_entire_binding(),
+                        box_entry_view,
+                        counts.as_entire_binding(),
+                        coarse.as_entire_binding(),
+                    )),
+                )
+            })
         }),
         ray_cast: device.create_bind_group(
             "skyline_ray_cast",

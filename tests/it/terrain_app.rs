@@ -39,7 +39,10 @@ fn with_terrain(field: HeightField) -> Option<(Offline, Entity)> {
     let mut offline = crate::device()?;
     let terrain = add_terrain(&mut offline, field, Transform::IDENTITY);
     offline.app.world_mut().spawn((
-        DirectionalLight { illuminance: 10_000.0, ..default() },
+        DirectionalLight {
+            illuminance: 10_000.0,
+            ..default()
+        },
         Transform::from_xyz(1.0, 2.0, 0.5).looking_at(Vec3::ZERO, Vec3::Y),
     ));
     Some((offline, terrain))
@@ -61,13 +64,23 @@ fn add_terrain(offline: &mut Offline, field: HeightField, transform: Transform) 
 
 fn add_box(offline: &mut Offline, at: Vec3, size: f32) -> Entity {
     let world = offline.app.world_mut();
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(size));
-    let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
-        base_color: Color::srgb(0.9, 0.05, 0.05),
-        unlit: true,
-        ..default()
-    });
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), Transform::from_translation(at))).id()
+    let mesh = world
+        .resource_mut::<Assets<Mesh>>()
+        .add(Cuboid::from_length(size));
+    let material = world
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(StandardMaterial {
+            base_color: Color::srgb(0.9, 0.05, 0.05),
+            unlit: true,
+            ..default()
+        });
+    world
+        .spawn((
+            Mesh3d(mesh),
+            MeshMaterial3d(material),
+            Transform::from_translation(at),
+        ))
+        .id()
 }
 
 /// A camera and what it draws to.
@@ -96,12 +109,19 @@ fn count(picture: &image::RgbaImage, what: fn(&image::Rgba<u8>) -> bool) -> usiz
 }
 
 fn stats(offline: &Offline) -> bevy_skyline::render_graph::stats::TerrainCounts {
-    offline.app.world().resource::<TerrainStats>().lock().clone()
+    offline
+        .app
+        .world()
+        .resource::<TerrainStats>()
+        .lock()
+        .clone()
 }
 
 #[test]
 fn without_a_terrain_nothing_runs_and_nothing_is_held() {
-    let Some(mut offline) = crate::device() else { return };
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
     let (_, _) = add_camera(&mut offline, (Msaa::Off, eye()));
     add_box(&mut offline, Vec3::ZERO, 10.0);
     for _ in 0..8 {
@@ -109,20 +129,33 @@ fn without_a_terrain_nothing_runs_and_nothing_is_held() {
     }
     let counts = stats(&offline);
     assert_eq!(counts.total_runs(), 0, "{counts:?}");
-    assert_eq!((counts.field_bytes, counts.view_bytes, counts.pipelines), (0, 0, 0));
-    assert_eq!(*offline.app.world().resource::<Effects>().terrain(), EffectState::Dormant);
+    assert_eq!(
+        (counts.field_bytes, counts.view_bytes, counts.pipelines),
+        (0, 0, 0)
+    );
+    assert_eq!(
+        *offline.app.world().resource::<Effects>().terrain(),
+        EffectState::Dormant
+    );
 }
 
 #[test]
 fn removing_the_component_frees_everything_and_putting_it_back_draws_the_same() {
-    let Some((mut offline, terrain)) = with_terrain(hills()) else { return };
+    let Some((mut offline, terrain)) = with_terrain(hills()) else {
+        return;
+    };
     let (camera, _) = add_camera(&mut offline, (Msaa::Off, eye()));
     let before = hits(&mut offline, camera);
     assert!(matches!(
         offline.app.world().resource::<Effects>().terrain(),
         EffectState::Active(activity) if activity.bytes > 0
     ));
-    let component = offline.app.world_mut().entity_mut(terrain).take::<Terrain>().unwrap();
+    let component = offline
+        .app
+        .world_mut()
+        .entity_mut(terrain)
+        .take::<Terrain>()
+        .unwrap();
     offline.step();
     offline.step();
     let counts = stats(&offline);
@@ -130,28 +163,62 @@ fn removing_the_component_frees_everything_and_putting_it_back_draws_the_same() 
     let runs = counts.total_runs();
     offline.step();
     assert_eq!(stats(&offline).total_runs(), runs, "passes still run");
-    assert_eq!(*offline.app.world().resource::<Effects>().terrain(), EffectState::Dormant);
+    assert_eq!(
+        *offline.app.world().resource::<Effects>().terrain(),
+        EffectState::Dormant
+    );
 
-    offline.app.world_mut().entity_mut(terrain).insert(component);
+    offline
+        .app
+        .world_mut()
+        .entity_mut(terrain)
+        .insert(component);
     assert_eq!(hits(&mut offline, camera).ndc_depth, before.ndc_depth);
 }
 
 #[test]
 fn out_of_view_or_hidden_it_idles() {
-    let Some((mut offline, terrain)) = with_terrain(hills()) else { return };
+    let Some((mut offline, terrain)) = with_terrain(hills()) else {
+        return;
+    };
     let (camera, _) = add_camera(&mut offline, (Msaa::Off, eye()));
     hits(&mut offline, camera);
-    let cast = |offline: &Offline| stats(offline).passes.get("ray_cast").copied().unwrap_or_default().runs;
-    *offline.app.world_mut().get_mut::<Transform>(camera).unwrap() =
-        Transform::from_xyz(200.0, 90.0, 900.0).looking_to(Vec3::Z, Vec3::Y);
+    let cast = |offline: &Offline| {
+        stats(offline)
+            .passes
+            .get("ray_cast")
+            .copied()
+            .unwrap_or_default()
+            .runs
+    };
+    *offline
+        .app
+        .world_mut()
+        .get_mut::<Transform>(camera)
+        .unwrap() = Transform::from_xyz(200.0, 90.0, 900.0).looking_to(Vec3::Z, Vec3::Y);
     offline.step();
     let runs = cast(&offline);
     offline.step();
-    assert_eq!(cast(&offline), runs, "rays are cast with the back to the terrain");
-    assert!(matches!(offline.app.world().resource::<Effects>().terrain(), EffectState::Idle(_)));
+    assert_eq!(
+        cast(&offline),
+        runs,
+        "rays are cast with the back to the terrain"
+    );
+    assert!(matches!(
+        offline.app.world().resource::<Effects>().terrain(),
+        EffectState::Idle(_)
+    ));
 
-    *offline.app.world_mut().get_mut::<Transform>(camera).unwrap() = eye();
-    *offline.app.world_mut().get_mut::<Visibility>(terrain).unwrap() = Visibility::Hidden;
+    *offline
+        .app
+        .world_mut()
+        .get_mut::<Transform>(camera)
+        .unwrap() = eye();
+    *offline
+        .app
+        .world_mut()
+        .get_mut::<Visibility>(terrain)
+        .unwrap() = Visibility::Hidden;
     offline.step();
     let runs = cast(&offline);
     offline.step();
@@ -160,13 +227,19 @@ fn out_of_view_or_hidden_it_idles() {
 
 #[test]
 fn gpu_memory_stays_below_four_bytes_a_sample() {
-    let Some(mut offline) = crate::device() else { return };
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
     let size = UVec2::new(1025, 771);
     let field = HeightField::from_fn(size, 1.0, (0.0, 10.0), |x, z| (x ^ z) as f32 % 10.0).unwrap();
     add_terrain(&mut offline, field, Transform::IDENTITY);
     let (camera, _) = add_camera(
         &mut offline,
-        (Msaa::Off, Transform::from_xyz(500.0, 200.0, 900.0).looking_at(Vec3::new(500.0, 0.0, 0.0), Vec3::Y)),
+        (
+            Msaa::Off,
+            Transform::from_xyz(500.0, 200.0, 900.0)
+                .looking_at(Vec3::new(500.0, 0.0, 0.0), Vec3::Y),
+        ),
     );
     hits(&mut offline, camera);
     let bytes = stats(&offline).field_bytes as f64 / f64::from(size.x * size.y);
@@ -175,26 +248,45 @@ fn gpu_memory_stays_below_four_bytes_a_sample() {
 
 #[test]
 fn terrain_and_meshes_hide_each_other() {
-    let Some((mut offline, _)) = with_terrain(flat(20.0)) else { return };
+    let Some((mut offline, _)) = with_terrain(flat(20.0)) else {
+        return;
+    };
     let (camera, target) = add_camera(
         &mut offline,
         (
             Msaa::Off,
-            Transform::from_xyz(160.0, 60.0, 300.0).looking_at(Vec3::new(160.0, 20.0, 160.0), Vec3::Y),
+            Transform::from_xyz(160.0, 60.0, 300.0)
+                .looking_at(Vec3::new(160.0, 20.0, 160.0), Vec3::Y),
         ),
     );
     let standing = add_box(&mut offline, Vec3::new(160.0, 30.0, 160.0), 20.0);
     hits(&mut offline, camera);
     offline.step();
-    offline.picture(&target).unwrap().save("/tmp/t_box.png").unwrap();
+    offline
+        .picture(&target)
+        .unwrap()
+        .save("/tmp/t_box.png")
+        .unwrap();
     let above = count(&offline.picture(&target).unwrap(), is_red);
     assert!(above > 20, "a box on the ground covers {above} pixels");
     // Sunk wholly below the surface it is hidden; halfway, half of it is.
-    offline.app.world_mut().get_mut::<Transform>(standing).unwrap().translation.y = 5.0;
+    offline
+        .app
+        .world_mut()
+        .get_mut::<Transform>(standing)
+        .unwrap()
+        .translation
+        .y = 5.0;
     offline.step();
     offline.step();
     assert_eq!(count(&offline.picture(&target).unwrap(), is_red), 0);
-    offline.app.world_mut().get_mut::<Transform>(standing).unwrap().translation.y = 20.0;
+    offline
+        .app
+        .world_mut()
+        .get_mut::<Transform>(standing)
+        .unwrap()
+        .translation
+        .y = 20.0;
     offline.step();
     offline.step();
     let half = count(&offline.picture(&target).unwrap(), is_red);
@@ -205,7 +297,9 @@ fn terrain_and_meshes_hide_each_other() {
 /// Every kind of camera: the terrain is there, the box before it is, the one behind the ground isn't.
 #[test]
 fn every_kind_of_camera_shows_the_same_scene() {
-    let Some((mut offline, _)) = with_terrain(flat(20.0)) else { return };
+    let Some((mut offline, _)) = with_terrain(flat(20.0)) else {
+        return;
+    };
     add_box(&mut offline, Vec3::new(160.0, 30.0, 160.0), 20.0);
     let place =
         Transform::from_xyz(160.0, 60.0, 300.0).looking_at(Vec3::new(160.0, 20.0, 160.0), Vec3::Y);
@@ -234,28 +328,47 @@ fn every_kind_of_camera_shows_the_same_scene() {
     check(&mut offline, "depth prepass", camera, target);
     let (camera, target) = add_camera(
         &mut offline,
-        (Msaa::Off, DepthPrepass, NormalPrepass, MotionVectorPrepass, place),
+        (
+            Msaa::Off,
+            DepthPrepass,
+            NormalPrepass,
+            MotionVectorPrepass,
+            place,
+        ),
     );
     check(&mut offline, "every prepass", camera, target);
-    let (camera, target) =
-        add_camera(&mut offline, (Msaa::Sample4, DepthPrepass, NormalPrepass, place));
+    let (camera, target) = add_camera(
+        &mut offline,
+        (Msaa::Sample4, DepthPrepass, NormalPrepass, place),
+    );
     check(&mut offline, "multisampled prepass", camera, target);
-    let (camera, target) = add_camera(&mut offline, (Msaa::Off, DepthPrepass, DeferredPrepass, place));
+    let (camera, target) = add_camera(
+        &mut offline,
+        (Msaa::Off, DepthPrepass, DeferredPrepass, place),
+    );
     check(&mut offline, "deferred", camera, target);
-    let (camera, target) =
-        add_camera(&mut offline, (Msaa::Off, DepthPrepass, OcclusionCulling, place));
+    let (camera, target) = add_camera(
+        &mut offline,
+        (Msaa::Off, DepthPrepass, OcclusionCulling, place),
+    );
     check(&mut offline, "occlusion culling", camera, target);
 }
 
 #[test]
 fn fog_and_cascaded_shadows_reach_the_terrain() {
-    let Some(mut offline) = crate::device() else { return };
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
     add_terrain(&mut offline, flat(20.0), Transform::IDENTITY);
     let sun = offline
         .app
         .world_mut()
         .spawn((
-            DirectionalLight { illuminance: 10_000.0, shadow_maps_enabled: true, ..default() },
+            DirectionalLight {
+                illuminance: 10_000.0,
+                shadow_maps_enabled: true,
+                ..default()
+            },
             Transform::from_xyz(0.3, 1.0, 0.3).looking_at(Vec3::ZERO, Vec3::Y),
         ))
         .id();
@@ -266,24 +379,47 @@ fn fog_and_cascaded_shadows_reach_the_terrain() {
     hits(&mut offline, camera);
     offline.step();
     let brightness = |picture: &image::RgbaImage| {
-        picture.pixels().filter(|p| !is_red(p)).map(|p| u64::from(p[1])).sum::<u64>()
+        picture
+            .pixels()
+            .filter(|p| !is_red(p))
+            .map(|p| u64::from(p[1]))
+            .sum::<u64>()
     };
     let shadowed = brightness(&offline.picture(&target).unwrap());
-    offline.app.world_mut().get_mut::<DirectionalLight>(sun).unwrap().shadow_maps_enabled = false;
+    offline
+        .app
+        .world_mut()
+        .get_mut::<DirectionalLight>(sun)
+        .unwrap()
+        .shadow_maps_enabled = false;
     offline.step();
     offline.step();
     let plain = brightness(&offline.picture(&target).unwrap());
-    assert!(shadowed * 101 < plain * 100, "no shadow falls on the terrain: {shadowed} of {plain}");
+    assert!(
+        shadowed * 101 < plain * 100,
+        "no shadow falls on the terrain: {shadowed} of {plain}"
+    );
 
-    offline.app.world_mut().entity_mut(camera).insert(DistanceFog {
-        color: Color::srgb(0.0, 0.0, 1.0),
-        falloff: FogFalloff::Linear { start: 10.0, end: 100.0 },
-        ..default()
-    });
+    offline
+        .app
+        .world_mut()
+        .entity_mut(camera)
+        .insert(DistanceFog {
+            color: Color::srgb(0.0, 0.0, 1.0),
+            falloff: FogFalloff::Linear {
+                start: 10.0,
+                end: 100.0,
+            },
+            ..default()
+        });
     offline.step();
     offline.step();
     let picture = offline.picture(&target).unwrap();
-    assert!(picture.get_pixel(5, 60)[2] > 100, "no fog: {:?}", picture.get_pixel(5, 60));
+    assert!(
+        picture.get_pixel(5, 60)[2] > 100,
+        "no fog: {:?}",
+        picture.get_pixel(5, 60)
+    );
 }
 
 #[test]
@@ -293,9 +429,15 @@ fn terrain_hides_meshes_from_bevys_own_occlusion_culling() {
         if (30..34).contains(&z) { 150.0 } else { 0.0 }
     })
     .unwrap();
-    let Some((mut offline, _)) = with_terrain(ridge) else { return };
+    let Some((mut offline, _)) = with_terrain(ridge) else {
+        return;
+    };
     for i in 0..40 {
-        add_box(&mut offline, Vec3::new(20.0 + 7.0 * i as f32, 10.0, 60.0), 5.0);
+        add_box(
+            &mut offline,
+            Vec3::new(20.0 + 7.0 * i as f32, 10.0, 60.0),
+            5.0,
+        );
     }
     let shown = add_box(&mut offline, Vec3::new(160.0, 20.0, 250.0), 12.0);
     let (camera, target) = add_camera(
@@ -304,7 +446,8 @@ fn terrain_hides_meshes_from_bevys_own_occlusion_culling() {
             Msaa::Off,
             DepthPrepass,
             OcclusionCulling,
-            Transform::from_xyz(160.0, 40.0, 310.0).looking_at(Vec3::new(160.0, 30.0, 0.0), Vec3::Y),
+            Transform::from_xyz(160.0, 40.0, 310.0)
+                .looking_at(Vec3::new(160.0, 30.0, 0.0), Vec3::Y),
         ),
     );
     hits(&mut offline, camera);
@@ -312,8 +455,15 @@ fn terrain_hides_meshes_from_bevys_own_occlusion_culling() {
         offline.step();
     }
     let with = offline.picture(&target).unwrap();
-    assert!(count(&with, is_red) > 10, "the box before the ridge is gone");
-    offline.app.world_mut().entity_mut(camera).remove::<OcclusionCulling>();
+    assert!(
+        count(&with, is_red) > 10,
+        "the box before the ridge is gone"
+    );
+    offline
+        .app
+        .world_mut()
+        .entity_mut(camera)
+        .remove::<OcclusionCulling>();
     for _ in 0..3 {
         offline.step();
     }
@@ -323,12 +473,18 @@ fn terrain_hides_meshes_from_bevys_own_occlusion_culling() {
     for _ in 0..3 {
         offline.step();
     }
-    assert_eq!(count(&offline.picture(&target).unwrap(), is_red), 0, "boxes show through the ridge");
+    assert_eq!(
+        count(&offline.picture(&target).unwrap(), is_red),
+        0,
+        "boxes show through the ridge"
+    );
 }
 
 #[test]
 fn two_cameras_two_viewports_and_two_terrains_at_once() {
-    let Some((mut offline, _)) = with_terrain(hills()) else { return };
+    let Some((mut offline, _)) = with_terrain(hills()) else {
+        return;
+    };
     let second = add_terrain(
         &mut offline,
         flat(30.0),
@@ -342,7 +498,14 @@ fn two_cameras_two_viewports_and_two_terrains_at_once() {
     };
     let left = offline.camera(
         &target,
-        (Msaa::Off, eye(), Camera { viewport: Some(half(0)), ..default() }),
+        (
+            Msaa::Off,
+            eye(),
+            Camera {
+                viewport: Some(half(0)),
+                ..default()
+            },
+        ),
     );
     let right = offline.camera(
         &target,
@@ -355,14 +518,25 @@ fn two_cameras_two_viewports_and_two_terrains_at_once() {
                 clear_color: ClearColorConfig::None,
                 ..default()
             },
-            TerrainRayCasting { traversal: Traversal::MaxMip, ..default() },
+            TerrainRayCasting {
+                traversal: Traversal::MaxMip,
+                ..default()
+            },
         ),
     );
     let a = hits(&mut offline, left);
     let b = hits(&mut offline, right);
     assert_eq!(a.size, UVec2::new(64, 64));
-    let differ = a.ndc_depth.iter().zip(&b.ndc_depth).filter(|(a, b)| (*a - *b).abs() > 1e-4 * *a).count();
-    assert!(differ * 50 < a.ndc_depth.len(), "{differ} pixels differ between the cameras");
+    let differ = a
+        .ndc_depth
+        .iter()
+        .zip(&b.ndc_depth)
+        .filter(|(a, b)| (*a - *b).abs() > 1e-4 * *a)
+        .count();
+    assert!(
+        differ * 50 < a.ndc_depth.len(),
+        "{differ} pixels differ between the cameras"
+    );
     let ids = |image: &HitImage| {
         let mut ids: Vec<_> = image.surface.iter().map(|s| s & 0xff).collect();
         ids.sort_unstable();
@@ -387,16 +561,26 @@ fn two_cameras_two_viewports_and_two_terrains_at_once() {
 
 #[test]
 fn a_picked_pixel_and_the_query_agree() {
-    let Some((mut offline, terrain)) = with_terrain(hills()) else { return };
-    *offline.app.world_mut().get_mut::<Transform>(terrain).unwrap() =
-        Transform::from_xyz(-50.0, 7.0, 20.0)
-            .with_rotation(Quat::from_euler(EulerRot::YXZ, 0.4, 0.1, -0.05))
-            .with_scale(Vec3::new(1.2, 0.8, 1.0));
-    let casting = TerrainRayCasting { max_error_px: 0.0, ..default() };
+    let Some((mut offline, terrain)) = with_terrain(hills()) else {
+        return;
+    };
+    *offline
+        .app
+        .world_mut()
+        .get_mut::<Transform>(terrain)
+        .unwrap() = Transform::from_xyz(-50.0, 7.0, 20.0)
+        .with_rotation(Quat::from_euler(EulerRot::YXZ, 0.4, 0.1, -0.05))
+        .with_scale(Vec3::new(1.2, 0.8, 1.0));
+    let casting = TerrainRayCasting {
+        max_error_px: 0.0,
+        ..default()
+    };
     for projection in [
         Projection::default(),
         Projection::from(OrthographicProjection {
-            scaling_mode: ScalingMode::FixedVertical { viewport_height: 150.0 },
+            scaling_mode: ScalingMode::FixedVertical {
+                viewport_height: 150.0,
+            },
             ..OrthographicProjection::default_3d()
         }),
     ] {
@@ -443,28 +627,58 @@ fn a_picked_pixel_and_the_query_agree() {
 
 #[test]
 fn an_edit_uploads_and_recomputes_only_its_rectangle_and_the_picture_follows() {
-    let Some((mut offline, terrain)) = with_terrain(hills()) else { return };
+    let Some((mut offline, terrain)) = with_terrain(hills()) else {
+        return;
+    };
     let (camera, _) = add_camera(
         &mut offline,
-        (Msaa::Off, eye(), TerrainRayCasting { max_error_px: 0.0, ..default() }),
+        (
+            Msaa::Off,
+            eye(),
+            TerrainRayCasting {
+                max_error_px: 0.0,
+                ..default()
+            },
+        ),
     );
     let before = hits(&mut offline, camera);
     let whole = stats(&offline).passes["height_mips"];
     offline.step();
-    assert_eq!(stats(&offline).passes["height_mips"], whole, "mips are made without an edit");
+    assert_eq!(
+        stats(&offline).passes["height_mips"],
+        whole,
+        "mips are made without an edit"
+    );
 
-    let id = offline.app.world().get::<Terrain>(terrain).unwrap().height_field.id();
+    let id = offline
+        .app
+        .world()
+        .get::<Terrain>(terrain)
+        .unwrap()
+        .height_field
+        .id();
     let rect = URect::new(40, 50, 60, 61);
     let edited = {
-        let mut fields = offline.app.world_mut().resource_mut::<Assets<HeightField>>();
+        let mut fields = offline
+            .app
+            .world_mut()
+            .resource_mut::<Assets<HeightField>>();
         let mut field = fields.get_mut(id).unwrap();
-        field.edit(rect, |x, z, h| h + if (x + z) % 3 == 0 { 15.0 } else { -3.0 }).unwrap();
+        field
+            .edit(rect, |x, z, h| {
+                h + if (x + z) % 3 == 0 { 15.0 } else { -3.0 }
+            })
+            .unwrap();
         field.clone()
     };
     let after = hits(&mut offline, camera);
     let counted = stats(&offline).passes["height_mips"];
     let nodes = counted.work - whole.work;
-    assert!(nodes > 0 && nodes * 4 < whole.work, "{nodes} of {} nodes recomputed", whole.work);
+    assert!(
+        nodes > 0 && nodes * 4 < whole.work,
+        "{nodes} of {} nodes recomputed",
+        whole.work
+    );
     assert_ne!(before.ndc_depth, after.ndc_depth);
 
     // The same picture as a field made so from the start, and the same pyramid.
@@ -490,11 +704,18 @@ fn an_edit_uploads_and_recomputes_only_its_rectangle_and_the_picture_follows() {
 
 #[test]
 fn the_gpu_pyramid_is_the_cpu_pyramid_for_every_shape_and_type() {
-    let Some(mut offline) = crate::device() else { return };
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
     let (camera, _) = add_camera(&mut offline, (Msaa::Off, eye()));
-    for (w, h, float) in
-        [(2, 2, false), (2, 9, false), (3, 3, true), (17, 33, false), (100, 37, true), (129, 65, false)]
-    {
+    for (w, h, float) in [
+        (2, 2, false),
+        (2, 9, false),
+        (3, 3, true),
+        (17, 33, false),
+        (100, 37, true),
+        (129, 65, false),
+    ] {
         let value = |x: u32, z: u32| ((x * 7919 + z * 104_729) % 997) as f32 / 10.0;
         let field = if float {
             let samples = (0..w * h).map(|i| value(i % w, i / w) - 50.0).collect();
@@ -508,8 +729,18 @@ fn the_gpu_pyramid_is_the_cpu_pyramid_for_every_shape_and_type() {
         };
         let terrain = add_terrain(&mut offline, field, Transform::IDENTITY);
         offline.settle(camera, 10).unwrap();
-        let id = offline.app.world().get::<Terrain>(terrain).unwrap().height_field.id();
-        assert_eq!(offline.pyramid(id).unwrap().unwrap(), expected, "{w}×{h}, float {float}");
+        let id = offline
+            .app
+            .world()
+            .get::<Terrain>(terrain)
+            .unwrap()
+            .height_field
+            .id();
+        assert_eq!(
+            offline.pyramid(id).unwrap().unwrap(),
+            expected,
+            "{w}×{h}, float {float}"
+        );
         offline.app.world_mut().despawn(terrain);
         offline.step();
     }
@@ -517,12 +748,18 @@ fn the_gpu_pyramid_is_the_cpu_pyramid_for_every_shape_and_type() {
 
 #[test]
 fn a_resized_target_is_followed() {
-    let Some((mut offline, _)) = with_terrain(hills()) else { return };
+    let Some((mut offline, _)) = with_terrain(hills()) else {
+        return;
+    };
     let (camera, _) = add_camera(&mut offline, (Msaa::Off, eye()));
     assert_eq!(hits(&mut offline, camera).size, SIZE);
     let larger = UVec2::new(131, 77);
     let target = offline.target(larger);
-    offline.app.world_mut().entity_mut(camera).insert(RenderTarget::Image(target.into()));
+    offline
+        .app
+        .world_mut()
+        .entity_mut(camera)
+        .insert(RenderTarget::Image(target.into()));
     offline.step();
     offline.step();
     assert_eq!(hits(&mut offline, camera).size, larger);
@@ -534,7 +771,9 @@ fn the_allowed_error_is_kept() {
         reference::ray_cast::Twin,
         terrain::view_rays::{ViewInputs, ViewRays},
     };
-    let Some(mut offline) = crate::device() else { return };
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
     let field = match crate::data::elevation_model("taiwan_central_range_1024") {
         Some(field) => field,
         None => hills(),
@@ -552,8 +791,12 @@ fn the_allowed_error_is_kept() {
     for error_px in [0.5, 1.0, 2.0, 4.0, 16.0] {
         for traversal in [Traversal::Hybrid, Traversal::MaxMip, Traversal::Boxes] {
             let image = cast_with(&mut offline, camera, traversal, error_px);
-            let clip_from_view =
-                offline.app.world().get::<Camera>(camera).unwrap().clip_from_view();
+            let clip_from_view = offline
+                .app
+                .world()
+                .get::<Camera>(camera)
+                .unwrap()
+                .clip_from_view();
             let (highest, lowest) = field.pyramid().top();
             let rays = ViewRays::new(&ViewInputs {
                 clip_from_view,
@@ -584,26 +827,47 @@ fn the_allowed_error_is_kept() {
                     }
                 }
             }
-            println!("{traversal:?} at {error_px} px: {worst:.3} px off at worst, silhouette {silhouette} px, {:.2} reads", image.mean_reads());
+            println!(
+                "{traversal:?} at {error_px} px: {worst:.3} px off at worst, silhouette {silhouette} px, {:.2} reads",
+                image.mean_reads()
+            );
             assert!(compared > 10_000);
             // A hundredth of a pixel for what rounding adds to the hit itself.
-            assert!(worst <= f64::from(error_px) + 0.01, "{traversal:?}: {worst} px off at {error_px}");
-            assert!(f64::from(silhouette) <= f64::from(error_px) + 1.5, "silhouette {silhouette} px off");
+            assert!(
+                worst <= f64::from(error_px) + 0.01,
+                "{traversal:?}: {worst} px off at {error_px}"
+            );
+            assert!(
+                f64::from(silhouette) <= f64::from(error_px) + 1.5,
+                "silhouette {silhouette} px off"
+            );
             if traversal == Traversal::MaxMip {
                 assert!(image.mean_reads() <= last_reads, "more error, more reads");
                 last_reads = image.mean_reads();
             }
         }
     }
-    assert!(last_reads < exact.mean_reads() * 0.95, "an allowed error saves nothing");
+    assert!(
+        last_reads < exact.mean_reads() * 0.95,
+        "an allowed error saves nothing"
+    );
 }
 
-fn cast_with(offline: &mut Offline, camera: Entity, traversal: Traversal, max_error_px: f32) -> HitImage {
-    offline.app.world_mut().entity_mut(camera).insert(TerrainRayCasting {
-        traversal,
-        max_error_px,
-        ..default()
-    });
+fn cast_with(
+    offline: &mut Offline,
+    camera: Entity,
+    traversal: Traversal,
+    max_error_px: f32,
+) -> HitImage {
+    offline
+        .app
+        .world_mut()
+        .entity_mut(camera)
+        .insert(TerrainRayCasting {
+            traversal,
+            max_error_px,
+            ..default()
+        });
     offline.step();
     offline.step();
     hits(offline, camera)

@@ -78,11 +78,10 @@ impl Scene {
 pub fn as_f64(a: Affine3A) -> DAffine3 {
     DAffine3 {
         matrix3: DMat3::from_cols(
-            DVec3::from(Vec3::from(a.matrix3.x_axis).as_dvec3()),
-            DVec3::from(Vec3::from(a.matrix3.y_axis).as_dvec3()),
-            DVec3::from(Vec3::from(a.matrix3.z_axis).as_dvec3()),
-        )
-        .into(),
+            Vec3::from(a.matrix3.x_axis).as_dvec3(),
+            Vec3::from(a.matrix3.y_axis).as_dvec3(),
+            Vec3::from(a.matrix3.z_axis).as_dvec3(),
+        ),
         translation: Vec3::from(a.translation).as_dvec3(),
     }
 }
