@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use bevy::{
-    math::{Affine3A, DAffine3, DMat3, DVec3, Mat4, Quat, UVec2, Vec3, Vec4},
+    math::{Affine3A, DAffine3, DMat3, Mat4, Quat, UVec2, Vec3, Vec4},
     transform::components::Transform,
 };
 use bevy_skyline::terrain::{
