@@ -1,6 +1,8 @@
 //! The one integration-test binary. Tests that draw need a Vulkan device, a software one will do, and the
 //! features `cli` and `window` as `scripts/test.sh` sets them.
 
+#[path = "it/allocations.rs"]
+mod allocations;
 #[cfg(feature = "cli")]
 #[path = "it/cli.rs"]
 mod cli;

@@ -226,6 +226,39 @@ fn out_of_view_or_hidden_it_idles() {
 }
 
 #[test]
+fn in_steady_state_the_main_world_allocates_nothing_and_queries_neither() {
+    let Some((mut offline, _)) = with_terrain(hills()) else {
+        return;
+    };
+    let (camera, _) = add_camera(&mut offline, (Msaa::Off, eye()));
+    hits(&mut offline, camera);
+    let world = offline.app.world_mut();
+    let report = world.register_system(bevy_skyline::systems::terrain::report_terrain);
+    world.run_system(report).unwrap();
+    let allocations = crate::allocations::count(|| {
+        for _ in 0..10 {
+            world.run_system(report).unwrap();
+        }
+    });
+    assert_eq!(allocations, 0, "report_terrain");
+
+    let field = hills();
+    let allocations = crate::allocations::count(|| {
+        for i in 0..100 {
+            let x = i as f32 * 4.0;
+            std::hint::black_box(field.height_at(Vec2::new(x, 200.0)));
+            std::hint::black_box(field.normal_at(Vec2::new(x, 200.0)));
+            std::hint::black_box(field.ray_cast(
+                Vec3::new(x, 90.0, 380.0),
+                Vec3::new(0.1, -0.4, -1.0),
+                1e4,
+            ));
+        }
+    });
+    assert_eq!(allocations, 0, "queries");
+}
+
+#[test]
 fn gpu_memory_stays_below_four_bytes_a_sample() {
     let Some(mut offline) = crate::device() else {
         return;
