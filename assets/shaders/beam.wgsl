@@ -17,7 +17,8 @@
 
 struct TileStart {
     t: f32,
-    level: u32,
+    /// Level in the low 8 bits, nodes read by this beam above.
+    level_reads: u32,
 };
 
 @group(1) @binding(0) var<storage, read_write> tile_start: array<TileStart>;
@@ -63,7 +64,7 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
     let coarse = id.xy * TILE_PX / COARSE_PX;
     let start = coarse_start[coarse.y * coarse_tiles.x + coarse.x];
     t = start.t;
-    k = start.level;
+    k = start.level_reads & 0xffu;
 #else
     if box_counts[BOX_COUNT] <= view.box_capacity {
         t = textureLoad(box_entry, id.xy, 0).x;
@@ -77,6 +78,7 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
     k = min(k, view.levels);
     let ray = ray_at(f32(TILE_PX) * (vec2<f32>(id.xy) + 0.5));
     let spread = f32(TILE_PX) * view.beam_b;
+    var reads = 0u;
     for (var step = 0u; step < MAX_STEPS; step++) {
         let half = half_width(t);
         let smallest = level_for(half);
@@ -108,6 +110,7 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
         if !outside {
             let low = clamp(a, vec2(0), size - 1);
             let high = clamp(b, vec2(0), size - 1);
+            reads += 4u;
             highest = max(
                 max(node_range(k, low).x, node_range(k, vec2(high.x, low.y)).x),
                 max(node_range(k, vec2(low.x, high.y)).x, node_range(k, high).x),
@@ -146,5 +149,5 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     // What rounding may have added to t on the way.
-    tile_start[index] = TileStart(select(t - 4e-6 * t, t, t < 0.0), max(k, 1u));
+    tile_start[index] = TileStart(select(t - 4e-6 * t, t, t < 0.0), max(k, 1u) | (reads << 8u));
 }

@@ -20,8 +20,8 @@ const BEAM_PX: u32 = 4u;
 struct TileStart {
     /// No ray of the tile meets the surface before this t; negative if none does at all.
     t: f32,
-    /// Level of the nodes that stopped the beam.
-    level: u32,
+    /// Low 8 bits: level of the nodes that stopped the beam.
+    level_reads: u32,
 };
 
 @group(1) @binding(0) var hit_depth: texture_storage_2d<r32float, read_write>;
@@ -62,7 +62,7 @@ fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) 
         let tiles_x = (view.size_px.x + BEAM_PX - 1u) / BEAM_PX;
         let start = tile_start[(id.y / BEAM_PX) * tiles_x + id.x / BEAM_PX];
         starts = starts && start.t >= 0.0;
-        levels = Levels(max(start.level, 2u) - 1u, view.levels, false);
+        levels = Levels(max(start.level_reads & 0xffu, 2u) - 1u, view.levels, false);
         t_start = max(t_start, start.t);
     } else if view.traversal == TRAVERSAL_MAX_MIP {
         levels = Levels(view.levels, view.levels, false);

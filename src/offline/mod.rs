@@ -94,6 +94,8 @@ pub struct HitImage {
     pub ndc_depth: Vec<f32>,
     /// Low 8 bits: which terrain, from 1. Above: nodes and cells its rays read.
     pub surface: Vec<u32>,
+    /// Nodes that the beams of all tiles read before the rays did.
+    pub beam_reads: u64,
 }
 
 impl HitImage {
@@ -104,6 +106,7 @@ impl HitImage {
             size,
             ndc_depth: vec![0.0; pixels],
             surface: vec![0; pixels],
+            beam_reads: 0,
         }
     }
 
@@ -117,14 +120,15 @@ impl HitImage {
         self.coverage().filter(|terrain| *terrain).count()
     }
 
-    /// Nodes and cells read for each pixel.
+    /// Nodes and cells read by each pixel's own ray.
     pub fn reads(&self) -> impl Iterator<Item = u32> + '_ {
         self.surface.iter().map(|surface| surface >> 8)
     }
 
-    /// Mean of [`reads`](Self::reads).
+    /// Mean over the pixels of everything read: by their rays, and their share of what beams read.
     pub fn mean_reads(&self) -> f64 {
-        self.reads().map(f64::from).sum::<f64>() / self.surface.len().max(1) as f64
+        let rays: u64 = self.reads().map(u64::from).sum();
+        (rays + self.beam_reads) as f64 / self.surface.len().max(1) as f64
     }
 }
 
@@ -354,20 +358,39 @@ impl Offline {
     /// # Errors
     /// [`OfflineError::ReadBack`].
     pub fn hits(&self, camera: Entity) -> Result<Option<HitImage>, OfflineError> {
-        let Some(targets) = self
+        let Some((view, targets)) = self
             .views()
             .and_then(|views| views.views.get(&camera))
             .filter(|view| !view.drawn.is_empty())
-            .and_then(|view| view.targets.as_ref())
+            .and_then(|view| Some((view, view.targets.as_ref()?)))
         else {
             return Ok(None);
         };
+        let mut beam_reads = 0;
+        for starts in view
+            .drawn_slots()
+            .filter_map(|slot| slot.tile_start.as_ref())
+            .flatten()
+        {
+            let size = starts.buffer.size();
+            let bytes = self.read_back(size, |encoder, buffer| {
+                encoder.copy_buffer_to_buffer(&starts.buffer, 0, buffer, 0, size);
+            })?;
+            let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
+            beam_reads += words
+                .iter()
+                .skip(1)
+                .step_by(2)
+                .map(|word| u64::from(word >> 8))
+                .sum::<u64>();
+        }
         let depth = self.read_texture(&targets.depth, targets.size, 4)?;
         let surface = self.read_texture(&targets.surface, targets.size, 4)?;
         Ok(Some(HitImage {
             size: targets.size,
             ndc_depth: bytemuck::pod_collect_to_vec(&depth),
             surface: bytemuck::pod_collect_to_vec(&surface),
+            beam_reads,
         }))
     }
 

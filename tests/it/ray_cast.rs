@@ -68,11 +68,7 @@ fn draw(offline: &mut Offline, scene: &Scene, casting: TerrainRayCasting) -> Hit
     let image = match (settled, hits) {
         (Ok(()), Some(hits)) => hits,
         // Not one ray can meet the terrain: the camera holds no picture of it. The twin must agree.
-        _ => HitImage {
-            size: scene.size_px,
-            ndc_depth: vec![0.0; scene.size_px.element_product() as usize],
-            surface: vec![0; scene.size_px.element_product() as usize],
-        },
+        _ => HitImage::sky(scene.size_px),
     };
     offline.app.world_mut().despawn(camera);
     offline.app.world_mut().despawn(terrain);

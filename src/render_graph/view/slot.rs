@@ -29,7 +29,8 @@ use crate::{
 const FIRST_BOXES: u32 = 1 << 14;
 const MOST_BOXES: u32 = 1 << 22;
 
-/// How far the rays of each tile may go blindly: t and level, 8 bytes a tile.
+/// How far the rays of each tile may go blindly: 8 bytes a tile, t, then the level its beam ended at (8 bits)
+/// and the nodes the beam read (24 bits).
 pub struct TileStarts {
     pub buffer: Buffer,
     pub tiles: UVec2,
@@ -134,7 +135,7 @@ impl TerrainSlot {
                 buffer: device.create_buffer(&BufferDescriptor {
                     label: Some("skyline_tile_start"),
                     size: u64::from(tiles.x) * u64::from(tiles.y) * 8,
-                    usage: BufferUsages::STORAGE,
+                    usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
                     mapped_at_creation: false,
                 }),
                 tiles,
