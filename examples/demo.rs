@@ -35,7 +35,7 @@ use bevy_skyline::{
 use clap::Parser;
 use common::{
     landscape,
-    scene::{Viewpoint, camera, populate},
+    scene::{Viewpoint, camera, diagonal_m, populate},
 };
 
 /// Shows a terrain in a window, or makes a picture of it.
@@ -56,6 +56,9 @@ struct Options {
     /// Frames to time for the picture.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     frames: u32,
+    /// How far the picture may be from the exact surface, in pixels; 0 is exact.
+    #[arg(long, value_name = "E", default_value_t = TerrainRayCasting::default().max_error_px)]
+    max_error_px: f32,
     /// Where the camera starts, in metres; Y is up, sample (0,0) at the origin, columns +X, rows +Z.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "target")]
     eye: Option<Vec3>,
@@ -85,6 +88,8 @@ fn point(text: &str) -> Result<Vec3, String> {
 /// Why there is nothing to see; says itself in one line.
 #[derive(thiserror::Error, Debug)]
 enum DemoError {
+    #[error(transparent)]
+    Unreadable(HeightFieldLoadError),
     #[error("{}: {source}", path.display())]
     File {
         path: PathBuf,
@@ -141,14 +146,25 @@ fn run(options: &Options) -> Result<AppExit, DemoError> {
 
 fn read(path: &Path) -> Result<HeightField, DemoError> {
     let settings = HeightFieldSettings::default();
-    let (field, notes) = read_height_field(path, &settings).map_err(|source| DemoError::File {
-        path: path.into(),
-        source,
+    let (field, notes) = read_height_field(path, &settings).map_err(|source| match source {
+        // This one names the file itself.
+        HeightFieldLoadError::Read { .. } => DemoError::Unreadable(source),
+        _ => DemoError::File {
+            path: path.into(),
+            source,
+        },
     })?;
     for note in notes {
         eprintln!("demo: {}: {note}", path.display());
     }
     Ok(field)
+}
+
+fn casting(options: &Options) -> TerrainRayCasting {
+    TerrainRayCasting {
+        max_error_px: options.max_error_px.max(0.0),
+        ..default()
+    }
 }
 
 /// Whether there is something to open a window on. Bevy panics where there is not.
@@ -165,7 +181,8 @@ fn draw(options: &Options, field: HeightField, viewpoint: Viewpoint) -> Result<(
         return Err(DemoError::TooLarge(options.size.x, options.size.y, limit));
     }
     let target = offline.target(options.size);
-    let camera = offline.camera(&target, camera(&field, viewpoint));
+    let casting = casting(options);
+    let camera = offline.camera(&target, (camera(&field, viewpoint), casting));
     populate(offline.app.world_mut(), field, viewpoint);
     // Where only sky is in view nothing settles, and there is nothing to wait for either.
     match offline.settle(camera, 16) {
@@ -212,6 +229,7 @@ fn draw(options: &Options, field: HeightField, viewpoint: Viewpoint) -> Result<(
 struct Start {
     field: HeightField,
     viewpoint: Viewpoint,
+    casting: TerrainRayCasting,
 }
 
 /// A window with a flying camera.
@@ -232,7 +250,11 @@ fn fly(options: &Options, field: HeightField, viewpoint: Viewpoint) -> AppExit {
             FrameTimeDiagnosticsPlugin::default(),
             RenderDiagnosticsPlugin,
         ))
-        .insert_resource(Start { field, viewpoint })
+        .insert_resource(Start {
+            field,
+            viewpoint,
+            casting: casting(options),
+        })
         .add_systems(Startup, start)
         .add_systems(
             Update,
@@ -242,10 +264,15 @@ fn fly(options: &Options, field: HeightField, viewpoint: Viewpoint) -> AppExit {
 }
 
 fn start(world: &mut World) {
-    let Some(Start { field, viewpoint }) = world.remove_resource() else {
+    let Some(Start {
+        field,
+        viewpoint,
+        casting,
+    }) = world.remove_resource()
+    else {
         return;
     };
-    let speed = 0.012 * field.extent_m().length();
+    let speed = 0.012 * diagonal_m(&field);
     let controls = FreeCamera {
         walk_speed: speed,
         run_speed: 5.0 * speed,
@@ -254,7 +281,12 @@ fn start(world: &mut World) {
     };
     info!("{controls}");
     info!("1 per texel, 2 max mip, 3 boxes, 4 hybrid; + and - change the error allowed");
-    world.spawn((Camera3d::default(), camera(&field, viewpoint), controls));
+    world.spawn((
+        Camera3d::default(),
+        camera(&field, viewpoint),
+        casting,
+        controls,
+    ));
     populate(world, field, viewpoint);
 }
 

@@ -31,7 +31,7 @@ impl Viewpoint {
     /// A third of the way along the field's diagonal, above all ground near by, looking along the rest of it.
     pub fn over(field: &HeightField) -> Self {
         let extent = field.extent_m();
-        let diagonal = extent.length();
+        let diagonal = diagonal_m(field);
         let (lowest, highest) = field.data_range_m();
         let range = (highest - lowest) as f32;
         let eye = extent / 3.0;
@@ -59,6 +59,12 @@ impl Viewpoint {
     }
 }
 
+/// From the lowest point of one corner to the highest of the other: what every length here is a share of.
+pub fn diagonal_m(field: &HeightField) -> f32 {
+    let (lowest, highest) = field.data_range_m();
+    field.extent_m().extend((highest - lowest) as f32).length()
+}
+
 /// The highest ground within a distance, looked at in 17×17 places.
 fn highest_within(field: &HeightField, centre: Vec2, distance: f32) -> f32 {
     places(centre, distance)
@@ -76,7 +82,7 @@ fn places(centre: Vec2, distance: f32) -> impl Iterator<Item = Vec2> {
 pub fn populate(world: &mut World, field: HeightField, viewpoint: Viewpoint) {
     spawn_meshes(world, &field, viewpoint);
     let extent = field.extent_m();
-    let diagonal = extent.length();
+    let diagonal = diagonal_m(&field);
     spawn_sky(
         world,
         Vec3::new(0.5 * extent.x, viewpoint.eye.y, 0.5 * extent.y),
@@ -105,7 +111,7 @@ pub fn populate(world: &mut World, field: HeightField, viewpoint: Viewpoint) {
 
 /// What a `Camera3d` needs to show a field.
 pub fn camera(field: &HeightField, viewpoint: Viewpoint) -> impl Bundle {
-    let diagonal = field.extent_m().length();
+    let diagonal = diagonal_m(field);
     (
         Camera {
             clear_color: ClearColorConfig::Custom(HAZE.into()),
@@ -119,7 +125,6 @@ pub fn camera(field: &HeightField, viewpoint: Viewpoint) -> impl Bundle {
         }),
         Msaa::Off,
         viewpoint.transform(),
-        TerrainRayCasting::default(),
         AmbientLight {
             color: Color::srgb(0.74, 0.82, 1.0),
             brightness: 1_100.0,
@@ -172,7 +177,7 @@ fn spawn_sky(world: &mut World, centre: Vec3, radius: f32) {
 
 /// Rings of pillars, boxes and spheres around a hill ahead: the ground hides some, and some hide the ground.
 fn spawn_meshes(world: &mut World, field: &HeightField, viewpoint: Viewpoint) {
-    let diagonal = field.extent_m().length();
+    let diagonal = diagonal_m(field);
     let ahead = (viewpoint.target - viewpoint.eye)
         .xz()
         .normalize_or(Vec2::X);
