@@ -103,7 +103,11 @@ impl core::fmt::Display for EffectState {
             Self::Dormant => f.write_str("dormant: nothing in the scene asks for it"),
             Self::Idle(why) => write!(f, "idle: {why}"),
             Self::Active(activity) => {
-                write!(f, "active: {}; CPU {:.2} ms", activity.what, activity.cpu_ms)?;
+                write!(
+                    f,
+                    "active: {}; CPU {:.2} ms",
+                    activity.what, activity.cpu_ms
+                )?;
                 if let Some(gpu_ms) = activity.gpu_ms {
                     write!(f, ", GPU {gpu_ms:.2} ms")?;
                 }

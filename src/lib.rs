@@ -48,8 +48,8 @@ pub mod prelude {
         effects::{Activity, Effect, EffectState, Effects},
         plugin::{EffectsPlugin, SkylinePlugins, TerrainPlugin},
         terrain::{
-            HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour, TerrainHit,
-            TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,
+            HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour,
+            TerrainHit, TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,
         },
     };
 }

@@ -26,7 +26,9 @@ pub struct SkylinePlugins;
 
 impl PluginGroup for SkylinePlugins {
     fn build(self) -> PluginGroupBuilder {
-        PluginGroupBuilder::start::<Self>().add(EffectsPlugin).add(TerrainPlugin)
+        PluginGroupBuilder::start::<Self>()
+            .add(EffectsPlugin)
+            .add(TerrainPlugin)
     }
 }
 

@@ -1,6 +1,8 @@
 //! The one integration-test binary. Tests that draw need a Vulkan device, a software one will do, and the
 //! features `cli` and `window` as `scripts/test.sh` sets them.
 
+#[path = "it/allocations.rs"]
+mod allocations;
 #[cfg(feature = "cli")]
 #[path = "it/cli.rs"]
 mod cli;
@@ -15,6 +17,9 @@ mod query;
 #[cfg(feature = "cli")]
 #[path = "it/ray_cast.rs"]
 mod ray_cast;
+#[cfg(feature = "cli")]
+#[path = "it/terrain_app.rs"]
+mod terrain_app;
 #[path = "it/terrain_scenes.rs"]
 mod terrain_scenes;
 #[path = "it/twin.rs"]

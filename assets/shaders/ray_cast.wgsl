@@ -7,8 +7,7 @@
 // P1 section 3; for the maximum mipmap Tevs, Ihrke and Seidel 2008.
 
 #import bevy_skyline::types::{
-    FLAG_DEPTH_DRAWN, FLAG_FIRST, FLAG_STARTS_IN_AIR, T_NEVER,
-    TRAVERSAL_BOXES, TRAVERSAL_HYBRID, TRAVERSAL_MAX_MIP, TRAVERSAL_PER_TEXEL, UNIT_ROUNDOFF,
+    FLAG_FIRST, FLAG_STARTS_IN_AIR, T_NEVER, TRAVERSAL_BOXES, TRAVERSAL_HYBRID, TRAVERSAL_MAX_MIP,
 }
 #import bevy_skyline::height_field::{view, cell_corners}
 #import bevy_skyline::rays::{above_cell, cell_at, footprint_t, ndc_depth, ray_at, t_of_depth}

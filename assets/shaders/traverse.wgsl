@@ -62,7 +62,8 @@ fn move_on(ray: Ray, place: ptr<function, Place>, exit: Exit, t_stop: f32, highe
     (*place).cell = cell;
     (*place).k = min(k + select(0u, 1u, ((crossed >> k) & 1u) == 0u), highest);
     let past = any(cell < vec2(0)) || any(cell >= view.cells) || t >= t_stop;
-    return !past;
+    let risen = ray.direction.y >= 0.0 && height_of(ray, t) > view.y_max + height_guard(ray, t);
+    return !(past || risen);
 }
 
 /// Where the ray next comes from the air to the surface, or enters the footprint below it, at or after
@@ -87,9 +88,7 @@ fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
                 if levels.follow_pixel {
                     highest = pixel_level(t_leave);
                 }
-                going = move_on(ray, &place, exit, t_stop, highest)
-                    && (ray.direction.y < 0.0
-                        || height_of(ray, place.t) <= view.y_max + height_guard(ray, place.t));
+                going = move_on(ray, &place, exit, t_stop, highest);
                 continue;
             }
             // Near enough to its surface to matter. May its middle height stand for it?
@@ -112,6 +111,8 @@ fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
         if !going {
             return hit;
         }
+        // It is; said so that what follows needs no shifts.
+        place.k = 0u;
         let exit = exit_of(ray, place);
         let corners = cell_corners(place.cell);
         hit.reads += 1u;

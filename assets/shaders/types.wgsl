@@ -83,10 +83,8 @@ const FLAG_STARTS_IN_AIR: u32 = 1u;
 const FLAG_BASEMENT: u32 = 2u;
 /// First terrain of the view: there is no hit yet to be nearer than.
 const FLAG_FIRST: u32 = 4u;
-/// Meshes have been drawn into the depth that rays stop at.
-const FLAG_DEPTH_DRAWN: u32 = 8u;
 /// Grid space is mirrored against view space, so that faces wind the other way.
-const FLAG_MIRRORED: u32 = 16u;
+const FLAG_MIRRORED: u32 = 8u;
 
 const TRAVERSAL_PER_TEXEL: u32 = 0u;
 const TRAVERSAL_MAX_MIP: u32 = 1u;

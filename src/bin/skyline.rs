@@ -11,7 +11,11 @@ use bevy::math::{DVec3, UVec2};
 use bevy_skyline::{
     offline::{
         TRAVERSALS,
-        accuracy::{AccuracyError, scene::mountains, terrain::{Plan, measure}},
+        accuracy::{
+            AccuracyError,
+            scene::mountains,
+            terrain::{Plan, measure},
+        },
         render::{Figures, RenderError, Shot, Sun, render},
     },
     terrain::{
@@ -89,7 +93,12 @@ struct RenderArgs {
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size, allow_hyphen_values = true)]
     size: UVec2,
     /// Vertical field of view in degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 45.0, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "DEG",
+        default_value_t = 45.0,
+        allow_hyphen_values = true
+    )]
     fov: f64,
     /// Direction to the sun in degrees: azimuth from +Z toward +X, elevation above the horizon.
     #[arg(long, value_name = "AZ,EL", value_parser = sun, allow_hyphen_values = true)]
@@ -117,7 +126,10 @@ enum CliError {
     #[error("{0}")]
     Usage(String),
     #[error("{}: {source}", path.display())]
-    HeightMap { path: PathBuf, source: HeightFieldLoadError },
+    HeightMap {
+        path: PathBuf,
+        source: HeightFieldLoadError,
+    },
     #[error("cannot write {}: there is no directory {}; create it first", path.display(), parent.display())]
     NoDirectory { path: PathBuf, parent: PathBuf },
     #[error("cannot write {}: it is a directory; name a file in it", .0.display())]
@@ -154,7 +166,11 @@ fn main() -> ExitCode {
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let line: Vec<_> = error.to_string().split_whitespace().map(str::to_owned).collect();
+            let line: Vec<_> = error
+                .to_string()
+                .split_whitespace()
+                .map(str::to_owned)
+                .collect();
             eprintln!("skyline: {}", line.join(" "));
             ExitCode::from(error.exit_code())
         }
@@ -164,7 +180,12 @@ fn main() -> ExitCode {
 fn run() -> Result<(), CliError> {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+        Err(error)
+            if matches!(
+                error.kind(),
+                ErrorKind::DisplayHelp | ErrorKind::DisplayVersion
+            ) =>
+        {
             print(&error.to_string());
             return Ok(());
         }
@@ -178,7 +199,11 @@ fn run() -> Result<(), CliError> {
 
 fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     let AccuracyEffect::Terrain = args.effect;
-    let plan = if args.quick { Plan::quick() } else { Plan::full() };
+    let plan = if args.quick {
+        Plan::quick()
+    } else {
+        Plan::full()
+    };
     let (field, notes, name) = match &args.heightmap {
         Some(path) => {
             let stem = path.file_stem().unwrap_or(path.as_os_str());
@@ -188,7 +213,8 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
         None => {
             if args.scale.spacing.is_some() || args.scale.height_range.is_some() {
                 return Err(CliError::Usage(
-                    "--spacing and --height-range say how to read a --heightmap, and none is given".into(),
+                    "--spacing and --height-range say how to read a --heightmap, and none is given"
+                        .into(),
                 ));
             }
             let samples = if args.quick { 257 } else { 1025 };
@@ -227,11 +253,20 @@ fn run_render(args: &RenderArgs) -> Result<(), CliError> {
     rendered
         .picture
         .save_with_format(&args.out, image::ImageFormat::Png)
-        .map_err(|error| CliError::Write { path: args.out.clone(), reason: error.to_string() })?;
+        .map_err(|error| CliError::Write {
+            path: args.out.clone(),
+            reason: error.to_string(),
+        })?;
     if let Some(path) = &args.depth {
-        let bytes: Vec<u8> = rendered.depth_m.iter().flat_map(|depth| depth.to_le_bytes()).collect();
-        std::fs::write(path, bytes)
-            .map_err(|error| CliError::Write { path: path.clone(), reason: error.to_string() })?;
+        let bytes: Vec<u8> = rendered
+            .depth_m
+            .iter()
+            .flat_map(|depth| depth.to_le_bytes())
+            .collect();
+        std::fs::write(path, bytes).map_err(|error| CliError::Write {
+            path: path.clone(),
+            reason: error.to_string(),
+        })?;
     }
     print_json(&RenderOutput {
         out: args.out.clone(),
@@ -255,7 +290,10 @@ fn read(
         if let HeightFieldLoadError::Read { .. } = source {
             CliError::Usage(source.to_string())
         } else {
-            CliError::HeightMap { path: path.to_owned(), source }
+            CliError::HeightMap {
+                path: path.to_owned(),
+                source,
+            }
         }
     })
 }
@@ -264,7 +302,10 @@ fn read(
 fn tell(path: &Path, notes: Vec<HeightFieldNote>) {
     for note in notes {
         match note {
-            HeightFieldNote::Assumed { texel_m, height_range_m } => {
+            HeightFieldNote::Assumed {
+                texel_m,
+                height_range_m,
+            } => {
                 let spacing = texel_m.map(|m| format!("--spacing {m}"));
                 let range = height_range_m.map(|(min, max)| format!("--height-range {min},{max}"));
                 let flags: Vec<_> = spacing.into_iter().chain(range).collect();
@@ -286,7 +327,10 @@ fn check_writable(path: &Path) -> Result<(), CliError> {
     }
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() && !parent.is_dir() => {
-            Err(CliError::NoDirectory { path: path.to_owned(), parent: parent.to_owned() })
+            Err(CliError::NoDirectory {
+                path: path.to_owned(),
+                parent: parent.to_owned(),
+            })
         }
         _ => Ok(()),
     }
@@ -314,7 +358,10 @@ fn usage_line(error: &clap::Error) -> String {
 }
 
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let parts: Vec<_> = text.split(',').map(|part| part.trim().parse::<f64>()).collect();
+    let parts: Vec<_> = text
+        .split(',')
+        .map(|part| part.trim().parse::<f64>())
+        .collect();
     let parts: Vec<f64> = parts
         .into_iter()
         .collect::<Result<_, _>>()
@@ -322,7 +369,9 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     if parts.iter().any(|part| !part.is_finite()) {
         return Err("the numbers must be finite".into());
     }
-    parts.try_into().map_err(|_| format!("expected {N} numbers with commas between them"))
+    parts
+        .try_into()
+        .map_err(|_| format!("expected {N} numbers with commas between them"))
 }
 
 fn vector(text: &str) -> Result<DVec3, String> {
@@ -334,19 +383,28 @@ fn range(text: &str) -> Result<(f32, f32), String> {
 }
 
 fn sun(text: &str) -> Result<Sun, String> {
-    numbers(text).map(|[azimuth_deg, elevation_deg]| Sun { azimuth_deg, elevation_deg })
+    numbers(text).map(|[azimuth_deg, elevation_deg]| Sun {
+        azimuth_deg,
+        elevation_deg,
+    })
 }
 
 fn positive(text: &str) -> Result<f32, String> {
     let [value] = numbers(text)?;
     let value = value as f32;
-    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("must be positive".into()) }
+    if value > 0.0 && value.is_finite() {
+        Ok(value)
+    } else {
+        Err("must be positive".into())
+    }
 }
 
 fn size(text: &str) -> Result<UVec2, String> {
     text.split_once(['x', 'X'])
         .and_then(|(w, h)| Some(UVec2::new(w.trim().parse().ok()?, h.trim().parse().ok()?)))
-        .ok_or_else(|| "expected width and height in pixels with an x between them, as 1280x720".into())
+        .ok_or_else(|| {
+            "expected width and height in pixels with an x between them, as 1280x720".into()
+        })
 }
 
 fn traversal(text: &str) -> Result<Traversal, String> {

@@ -112,7 +112,11 @@ pub fn width(text: &str) -> i32 {
 /// Calls `dot` with every dot of a text, from its top left corner. What is not ASCII shows as `?`.
 pub fn for_each_dot(text: &str, mut dot: impl FnMut(i32, i32)) {
     for (place, character) in text.chars().enumerate() {
-        let known = if (' '..='~').contains(&character) { character } else { '?' };
+        let known = if (' '..='~').contains(&character) {
+            character
+        } else {
+            '?'
+        };
         for (column, bits) in GLYPHS[known as usize - ' ' as usize].iter().enumerate() {
             for row in 0..8 {
                 if bits >> row & 1 == 1 {

@@ -33,6 +33,7 @@ use crate::{
     plugin::SkylinePlugins,
     render_graph::{
         extract::affine64,
+        height_mips::GpuHeightFields,
         stats::{TerrainCounts, TerrainStats},
         terrain::Caster,
         view::TerrainViews,
@@ -53,7 +54,10 @@ pub const TRAVERSALS: [(Traversal, &str); 4] = [
 
 /// Name of a traversal as a flag's value.
 pub fn traversal_name(traversal: Traversal) -> &'static str {
-    TRAVERSALS.iter().find(|(t, _)| *t == traversal).map_or("unknown", |(_, name)| name)
+    TRAVERSALS
+        .iter()
+        .find(|(t, _)| *t == traversal)
+        .map_or("unknown", |(_, name)| name)
 }
 
 /// Time that passes from one frame to the next. units: s
@@ -63,7 +67,9 @@ const FRAME_S: f64 = 1.0 / 60.0;
 #[derive(thiserror::Error, Debug)]
 pub enum OfflineError {
     /// No GPU or no driver.
-    #[error("no GPU device could be opened: install a Vulkan driver (on Debian: mesa-vulkan-drivers)")]
+    #[error(
+        "no GPU device could be opened: install a Vulkan driver (on Debian: mesa-vulkan-drivers)"
+    )]
     NoDevice,
     /// The picture did not appear.
     #[error("the picture was not finished after {0} frames; see the log for the pass that failed")]
@@ -94,7 +100,11 @@ impl HitImage {
     /// An image of sky.
     pub fn sky(size: UVec2) -> Self {
         let pixels = size.x as usize * size.y as usize;
-        Self { size, ndc_depth: vec![0.0; pixels], surface: vec![0; pixels] }
+        Self {
+            size,
+            ndc_depth: vec![0.0; pixels],
+            surface: vec![0; pixels],
+        }
     }
 
     /// Whether each pixel shows terrain.
@@ -133,8 +143,14 @@ pub fn headless_plugins() -> impl PluginGroup {
             filter: format!("{DEFAULT_FILTER}bevy_render::renderer=error"),
             ..default()
         })
-        .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
-        .set(AssetPlugin { unapproved_path_mode: UnapprovedPathMode::Allow, ..default() })
+        .set(RenderPlugin {
+            synchronous_pipeline_compilation: true,
+            ..default()
+        })
+        .set(AssetPlugin {
+            unapproved_path_mode: UnapprovedPathMode::Allow,
+            ..default()
+        })
         .disable_winit()
         .disable::<PipelinedRenderingPlugin>()
 }
@@ -174,7 +190,9 @@ impl Offline {
     pub fn with(configure: impl FnOnce(&mut App)) -> Result<Self, OfflineError> {
         let mut app = App::new();
         app.add_plugins((headless_plugins(), SkylinePlugins, RenderDiagnosticsPlugin))
-            .insert_resource(TimeUpdateStrategy::ManualDuration(Duration::from_secs_f64(FRAME_S)));
+            .insert_resource(TimeUpdateStrategy::ManualDuration(Duration::from_secs_f64(
+                FRAME_S,
+            )));
         configure(&mut app);
         while app.plugins_state() == PluginsState::Adding {
             bevy::tasks::tick_global_task_pools_on_main_thread();
@@ -206,17 +224,25 @@ impl Offline {
 
     /// An image cameras can draw to and that can be read back.
     pub fn target(&mut self, size: UVec2) -> Handle<Image> {
-        let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
+        let mut image =
+            Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         image.asset_usage = RenderAssetUsages::default();
-        self.app.world_mut().resource_mut::<Assets<Image>>().add(image)
+        self.app
+            .world_mut()
+            .resource_mut::<Assets<Image>>()
+            .add(image)
     }
 
     /// Spawns a camera that draws to `target`.
     pub fn camera(&mut self, target: &Handle<Image>, bundle: impl Bundle) -> Entity {
         self.app
             .world_mut()
-            .spawn((Camera3d::default(), RenderTarget::Image(target.clone().into()), bundle))
+            .spawn((
+                Camera3d::default(),
+                RenderTarget::Image(target.clone().into()),
+                bundle,
+            ))
             .id()
     }
 
@@ -259,12 +285,22 @@ impl Offline {
 
     /// What the terrain's passes have counted so far.
     pub fn counts(&self) -> TerrainCounts {
-        self.app.world().get_resource::<TerrainStats>().map_or_else(default, |s| s.lock().clone())
+        self.app
+            .world()
+            .get_resource::<TerrainStats>()
+            .map_or_else(default, |s| s.lock().clone())
     }
 
     /// Boxes the last frame's subdivision of a terrain asked for, and how many there was room for.
     pub fn boxes(&self, camera: Entity, terrain: Entity) -> Option<(u64, u64)> {
-        let lists = self.views()?.views.get(&camera)?.slots.get(&terrain)?.lists.as_ref()?;
+        let lists = self
+            .views()?
+            .views
+            .get(&camera)?
+            .slots
+            .get(&terrain)?
+            .lists
+            .as_ref()?;
         Some((lists.readback.latest(), u64::from(lists.capacity)))
     }
 
@@ -279,15 +315,24 @@ impl Offline {
     /// `None` if none of them could meet it. A camera that jitters is not served.
     pub fn view_rays(&self, camera: Entity, terrain: Entity) -> Option<ViewRays> {
         let world = self.app.world();
-        let settings = world.get::<TerrainRayCasting>(camera).copied().unwrap_or_default();
+        let settings = world
+            .get::<TerrainRayCasting>(camera)
+            .copied()
+            .unwrap_or_default();
         let handle = &world.get::<Terrain>(terrain)?.height_field;
         let field = world.get_resource::<Assets<HeightField>>()?.get(handle)?;
-        let transform = |entity| world.get::<GlobalTransform>(entity).map(|t| affine64(t.affine()));
+        let transform = |entity| {
+            world
+                .get::<GlobalTransform>(entity)
+                .map(|t| affine64(t.affine()))
+        };
         let view = world.get::<Camera>(camera)?;
         let (highest, lowest) = field.pyramid().top();
         ViewRays::new(&ViewInputs {
             clip_from_view: view.clip_from_view(),
-            grid_from_view: field.grid_from_local() * transform(terrain)?.inverse() * transform(camera)?,
+            grid_from_view: field.grid_from_local()
+                * transform(terrain)?.inverse()
+                * transform(camera)?,
             size_px: view.physical_viewport_size()?,
             cells: field.cells(),
             height_range: (lowest, highest),
@@ -298,7 +343,10 @@ impl Offline {
     }
 
     fn views(&self) -> Option<&TerrainViews> {
-        self.app.get_sub_app(RenderApp)?.world().get_resource::<TerrainViews>()
+        self.app
+            .get_sub_app(RenderApp)?
+            .world()
+            .get_resource::<TerrainViews>()
     }
 
     /// What the rays of the last frame hit; `None` if this camera had no terrain in view.
@@ -306,11 +354,11 @@ impl Offline {
     /// # Errors
     /// [`OfflineError::ReadBack`].
     pub fn hits(&self, camera: Entity) -> Result<Option<HitImage>, OfflineError> {
-        let Some(targets) =
-            self.views()
-                .and_then(|views| views.views.get(&camera))
-                .filter(|view| !view.drawn.is_empty())
-                .and_then(|view| view.targets.as_ref())
+        let Some(targets) = self
+            .views()
+            .and_then(|views| views.views.get(&camera))
+            .filter(|view| !view.drawn.is_empty())
+            .and_then(|view| view.targets.as_ref())
         else {
             return Ok(None);
         };
@@ -332,7 +380,12 @@ impl Offline {
         let gpu = self
             .app
             .get_sub_app(RenderApp)
-            .and_then(|render| render.world().get_resource::<RenderAssets<GpuImage>>()?.get(target))
+            .and_then(|render| {
+                render
+                    .world()
+                    .get_resource::<RenderAssets<GpuImage>>()?
+                    .get(target)
+            })
             .ok_or_else(gone)?;
         let size = UVec2::new(
             gpu.texture_descriptor.size.width,
@@ -342,6 +395,26 @@ impl Offline {
         image::RgbaImage::from_raw(size.x, size.y, bytes).ok_or_else(gone)
     }
 
+    /// The pyramid of a height field as the GPU has it, laid out as
+    /// [`MinMaxPyramid`](crate::terrain::MinMaxPyramid); `None` if no terrain shows it.
+    ///
+    /// # Errors
+    /// [`OfflineError::ReadBack`].
+    pub fn pyramid(&self, field: AssetId<HeightField>) -> Result<Option<Vec<u8>>, OfflineError> {
+        let Some(field) = self
+            .app
+            .get_sub_app(RenderApp)
+            .and_then(|render| render.world().get_resource::<GpuHeightFields>()?.get(field))
+        else {
+            return Ok(None);
+        };
+        let size = field.pyramid.size();
+        self.read_back(size, |encoder, buffer| {
+            encoder.copy_buffer_to_buffer(&field.pyramid, 0, buffer, 0, size);
+        })
+        .map(Some)
+    }
+
     /// Copies a texture back, rows from the top, without padding.
     fn read_texture(
         &self,
@@ -349,48 +422,69 @@ impl Offline {
         size: UVec2,
         texel_bytes: u32,
     ) -> Result<Vec<u8>, OfflineError> {
-        let world = self.app.world();
-        let (Some(device), Some(queue)) =
-            (world.get_resource::<RenderDevice>(), world.get_resource::<RenderQueue>())
-        else {
-            return Err(OfflineError::NoDevice);
-        };
         let row = size.x * texel_bytes;
         let padded = row.next_multiple_of(256);
+        let bytes = self.read_back(u64::from(padded) * u64::from(size.y), |encoder, buffer| {
+            encoder.copy_texture_to_buffer(
+                texture.as_image_copy(),
+                TexelCopyBufferInfo {
+                    buffer,
+                    layout: TexelCopyBufferLayout {
+                        offset: 0,
+                        bytes_per_row: Some(padded),
+                        rows_per_image: None,
+                    },
+                },
+                Extent3d {
+                    width: size.x,
+                    height: size.y,
+                    depth_or_array_layers: 1,
+                },
+            );
+        })?;
+        Ok(bytes
+            .chunks(padded as usize)
+            .flat_map(|line| &line[..row as usize])
+            .copied()
+            .collect())
+    }
+
+    /// Has the GPU write a buffer, waits for it, and returns its bytes.
+    fn read_back(
+        &self,
+        size: u64,
+        write: impl FnOnce(&mut CommandEncoder, &Buffer),
+    ) -> Result<Vec<u8>, OfflineError> {
+        let world = self.app.world();
+        let (Some(device), Some(queue)) = (
+            world.get_resource::<RenderDevice>(),
+            world.get_resource::<RenderQueue>(),
+        ) else {
+            return Err(OfflineError::NoDevice);
+        };
         let buffer = device.create_buffer(&BufferDescriptor {
             label: Some("skyline_read_back"),
-            size: u64::from(padded) * u64::from(size.y),
+            size,
             usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
             mapped_at_creation: false,
         });
         let mut encoder = device.create_command_encoder(&default());
-        encoder.copy_texture_to_buffer(
-            texture.as_image_copy(),
-            TexelCopyBufferInfo {
-                buffer: &buffer,
-                layout: TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(padded),
-                    rows_per_image: None,
-                },
-            },
-            Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
-        );
+        write(&mut encoder, &buffer);
         queue.submit([encoder.finish()]);
         let (sender, receiver) = std::sync::mpsc::channel();
         buffer.slice(..).map_async(MapMode::Read, move |result| {
+            // The receiver waits below for as long as this can run.
             let _ = sender.send(result);
         });
+        let failed = |error: &dyn core::fmt::Display| OfflineError::ReadBack(error.to_string());
         device
             .poll(PollType::wait_indefinitely())
-            .map_err(|error| OfflineError::ReadBack(error.to_string()))?;
-        match receiver.recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(OfflineError::ReadBack(error.to_string())),
-            Err(error) => return Err(OfflineError::ReadBack(error.to_string())),
-        }
-        let bytes = buffer.slice(..).get_mapped_range();
-        Ok(bytes.chunks(padded as usize).flat_map(|line| &line[..row as usize]).copied().collect())
+            .map_err(|error| failed(&error))?;
+        receiver
+            .recv()
+            .map_err(|error| failed(&error))?
+            .map_err(|error| failed(&error))?;
+        Ok(buffer.slice(..).get_mapped_range().to_vec())
     }
 
     /// GPU time of each span in the last frame it was measured in. units: ms
@@ -426,8 +520,12 @@ impl Offline {
         for slot in view.drawn_slots() {
             for (stage, time) in times.iter_mut().enumerate() {
                 let mut encoder = device.create_command_encoder(&default());
-                let mut caster =
-                    Caster { cache, stats, diagnostics: None, encoder: &mut encoder };
+                let mut caster = Caster {
+                    cache,
+                    stats,
+                    diagnostics: None,
+                    encoder: &mut encoder,
+                };
                 match stage {
                     0 => caster.subdivide(slot),
                     1 => caster.box_entry(slot, view),

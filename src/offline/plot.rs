@@ -68,16 +68,26 @@ pub struct LinePlot {
 impl Axis {
     /// A linear axis.
     pub fn linear(label: impl Into<String>) -> Self {
-        Self { label: label.into(), log: false }
+        Self {
+            label: label.into(),
+            log: false,
+        }
     }
 
     /// A logarithmic axis.
     pub fn log(label: impl Into<String>) -> Self {
-        Self { label: label.into(), log: true }
+        Self {
+            label: label.into(),
+            log: true,
+        }
     }
 
     fn place(&self, value: f64) -> f64 {
-        if self.log { value.max(1e-9).log2() } else { value }
+        if self.log {
+            value.max(1e-9).log2()
+        } else {
+            value
+        }
     }
 
     /// Lowest and highest place, and the places to label.
@@ -85,7 +95,9 @@ impl Axis {
         let (mut low, mut high) = values
             .map(|value| self.place(value))
             .filter(|place| place.is_finite())
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+                (a.min(v), b.max(v))
+            });
         if low > high {
             (low, high) = (0.0, 1.0);
         }
@@ -98,11 +110,22 @@ impl Axis {
         let step = if self.log {
             rough.ceil().max(1.0)
         } else {
-            [1.0, 2.0, 5.0, 10.0].map(|n| n * magnitude).into_iter().find(|s| *s >= rough).unwrap_or(rough)
+            [1.0, 2.0, 5.0, 10.0]
+                .map(|n| n * magnitude)
+                .into_iter()
+                .find(|s| *s >= rough)
+                .unwrap_or(rough)
         };
-        let (low, high) = ((low / step).floor() * step, ((low + span) / step).ceil() * step);
+        let (low, high) = (
+            (low / step).floor() * step,
+            ((low + span) / step).ceil() * step,
+        );
         let count = ((high - low) / step).round() as usize;
-        (low, high, (0..=count).map(|i| low + i as f64 * step).collect())
+        (
+            low,
+            high,
+            (0..=count).map(|i| low + i as f64 * step).collect(),
+        )
     }
 
     fn tick_label(&self, place: f64) -> String {
@@ -150,10 +173,15 @@ fn text(
         for i in 0..scale * scale {
             let along = x * scale + i % scale - before;
             let across = y * scale + i / scale - glyphs::HEIGHT * scale / 2;
-            let (px, py) =
-                if upward { (at.0 + across, at.1 - along) } else { (at.0 + along, at.1 + across) };
+            let (px, py) = if upward {
+                (at.0 + across, at.1 - along)
+            } else {
+                (at.0 + along, at.1 + across)
+            };
             if px >= 0 && py >= 0 && px < size_x as i32 && py < size_y as i32 {
-                let drawn = canvas.draw_pixel((px, py), colour).map_err(|error| error.to_string());
+                let drawn = canvas
+                    .draw_pixel((px, py), colour)
+                    .map_err(|error| error.to_string());
                 if drawn.is_err() {
                     result = drawn;
                 }
@@ -169,8 +197,10 @@ impl LinePlot {
     /// # Errors
     /// [`PlotError`], with the file's name.
     pub fn write(&self, path: &Path) -> Result<(), PlotError> {
-        self.draw(path)
-            .map_err(|reason| PlotError { file: path.display().to_string(), reason })
+        self.draw(path).map_err(|reason| PlotError {
+            file: path.display().to_string(),
+            reason,
+        })
     }
 
     fn draw(&self, path: &Path) -> Result<(), String> {
@@ -200,40 +230,101 @@ impl LinePlot {
             .map_err(|e| words(&e))?;
         for (index, series) in self.series.iter().enumerate() {
             let colour = COLOURS[index % COLOURS.len()];
-            let points: Vec<_> =
-                series.points.iter().map(|(x, y)| (self.x.place(*x), self.y.place(*y))).collect();
+            let points: Vec<_> = series
+                .points
+                .iter()
+                .map(|(x, y)| (self.x.place(*x), self.y.place(*y)))
+                .collect();
             if series.quoted {
                 chart
-                    .draw_series(DashedLineSeries::new(points.iter().copied(), 8, 6, colour.into()))
+                    .draw_series(DashedLineSeries::new(
+                        points.iter().copied(),
+                        8,
+                        6,
+                        colour.into(),
+                    ))
                     .map_err(|e| words(&e))?;
             } else {
                 chart
-                    .draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(3)))
+                    .draw_series(LineSeries::new(
+                        points.iter().copied(),
+                        colour.stroke_width(3),
+                    ))
                     .map_err(|e| words(&e))?;
             }
             let radius = if series.quoted { 3 } else { 5 };
             chart
-                .draw_series(points.iter().map(|&at| Circle::new(at, radius, colour.filled())))
+                .draw_series(
+                    points
+                        .iter()
+                        .map(|&at| Circle::new(at, radius, colour.filled())),
+                )
                 .map_err(|e| words(&e))?;
         }
         for &x in &x_ticks {
             let (px, py) = chart.backend_coord(&(x, y_low));
-            text(&root, &self.x.tick_label(x), (px, py + 16), Anchor::Middle, false, 2, &BLACK)?;
+            text(
+                &root,
+                &self.x.tick_label(x),
+                (px, py + 16),
+                Anchor::Middle,
+                false,
+                2,
+                &BLACK,
+            )?;
         }
         for &y in &y_ticks {
             let (px, py) = chart.backend_coord(&(x_low, y));
-            text(&root, &self.y.tick_label(y), (px - 8, py), Anchor::Right, false, 2, &BLACK)?;
+            text(
+                &root,
+                &self.y.tick_label(y),
+                (px - 8, py),
+                Anchor::Right,
+                false,
+                2,
+                &BLACK,
+            )?;
         }
-        text(&root, &self.title, (550, 28), Anchor::Middle, false, 2, &BLACK)?;
-        text(&root, &self.x.label, (610, 672), Anchor::Middle, false, 2, &GREY_600)?;
-        text(&root, &self.y.label, (18, 350), Anchor::Middle, true, 2, &GREY_600)?;
+        text(
+            &root,
+            &self.title,
+            (550, 28),
+            Anchor::Middle,
+            false,
+            2,
+            &BLACK,
+        )?;
+        text(
+            &root,
+            &self.x.label,
+            (610, 672),
+            Anchor::Middle,
+            false,
+            2,
+            &GREY_600,
+        )?;
+        text(
+            &root,
+            &self.y.label,
+            (18, 350),
+            Anchor::Middle,
+            true,
+            2,
+            &GREY_600,
+        )?;
         self.legend(&root)?;
         root.present().map_err(|e| words(&e))
     }
 
     /// Names of the series, in their colours, in the top right corner.
     fn legend(&self, root: &Canvas) -> Result<(), String> {
-        let widest = self.series.iter().map(|s| glyphs::width(&s.name)).max().unwrap_or(0) * 2;
+        let widest = self
+            .series
+            .iter()
+            .map(|s| glyphs::width(&s.name))
+            .max()
+            .unwrap_or(0)
+            * 2;
         let left = 1055 - widest - 50;
         let bottom = 76 + 24 * self.series.len() as i32;
         let frame = Rectangle::new([(left - 10, 68), (1062, bottom)], WHITE.mix(0.85).filled());
@@ -242,9 +333,20 @@ impl LinePlot {
             let colour = COLOURS[index % COLOURS.len()];
             let y = 84 + 24 * index as i32;
             let thickness = if series.quoted { 1 } else { 3 };
-            let stroke = PathElement::new(vec![(left, y), (left + 36, y)], colour.stroke_width(thickness));
+            let stroke = PathElement::new(
+                vec![(left, y), (left + 36, y)],
+                colour.stroke_width(thickness),
+            );
             root.draw(&stroke).map_err(|e| e.to_string())?;
-            text(root, &series.name, (left + 46, y), Anchor::Left, false, 2, &BLACK)?;
+            text(
+                root,
+                &series.name,
+                (left + 46, y),
+                Anchor::Left,
+                false,
+                2,
+                &BLACK,
+            )?;
         }
         Ok(())
     }
@@ -291,8 +393,10 @@ pub fn write_heat_maps(
     size: UVec2,
     panels: &[HeatPanel],
 ) -> Result<(), PlotError> {
-    draw_heat_maps(path, title, unit, size, panels)
-        .map_err(|reason| PlotError { file: path.display().to_string(), reason })
+    draw_heat_maps(path, title, unit, size, panels).map_err(|reason| PlotError {
+        file: path.display().to_string(),
+        reason,
+    })
 }
 
 fn draw_heat_maps(
@@ -319,23 +423,42 @@ fn draw_heat_maps(
     root.fill(&WHITE).map_err(|e| words(&e))?;
     let middle = whole.x as i32 / 2;
     text(&root, title, (middle, 22), Anchor::Middle, false, 2, &BLACK)?;
-    let most = panels.iter().flat_map(|p| p.values).copied().max().unwrap_or(1).max(2);
+    let most = panels
+        .iter()
+        .flat_map(|p| p.values)
+        .copied()
+        .max()
+        .unwrap_or(1)
+        .max(2);
     let share = |value: f64| value.max(1.0).ln() / f64::from(most).ln();
     for (index, heat) in panels.iter().enumerate() {
         let left = gap + (index as u32 % 2) * (panel.x + gap);
         let top = 44 + (index as u32 / 2) * (panel.y + head);
-        text(&root, &heat.title, (left as i32, top as i32 + 16), Anchor::Left, false, 2, &BLACK)?;
+        text(
+            &root,
+            &heat.title,
+            (left as i32, top as i32 + 16),
+            Anchor::Left,
+            false,
+            2,
+            &BLACK,
+        )?;
         for y in 0..shown.y {
             for x in 0..shown.x {
                 let block = (0..shrink * shrink)
                     .map(|i| (x * shrink + i % shrink, y * shrink + i / shrink))
                     .filter_map(|(x, y)| heat.values.get((y * size.x + x) as usize));
                 let value = block.copied().max().unwrap_or(0);
-                let colour = if value == 0 { BLACK } else { scale_colour(share(f64::from(value))) };
+                let colour = if value == 0 {
+                    BLACK
+                } else {
+                    scale_colour(share(f64::from(value)))
+                };
                 for i in 0..enlarge * enlarge {
                     let px = left + x * enlarge + i % enlarge;
                     let py = top + head + y * enlarge + i / enlarge;
-                    root.draw_pixel((px as i32, py as i32), &colour).map_err(|e| words(&e))?;
+                    root.draw_pixel((px as i32, py as i32), &colour)
+                        .map_err(|e| words(&e))?;
                 }
             }
         }
@@ -352,12 +475,34 @@ fn draw_heat_maps(
     let mut value = 1u32;
     while f64::from(value) * 1.6 < f64::from(most) {
         labels.push(value);
-        value = value.saturating_mul(if most > 4096 { 8 } else if most > 64 { 4 } else { 2 });
+        value = value.saturating_mul(if most > 4096 {
+            8
+        } else if most > 64 {
+            4
+        } else {
+            2
+        });
     }
     for value in labels {
         let x = bar.0 + (share(f64::from(value)) * f64::from(bar.1 - bar.0)) as i32;
-        text(&root, &value.to_string(), (x, top + 30), Anchor::Middle, false, 2, &BLACK)?;
+        text(
+            &root,
+            &value.to_string(),
+            (x, top + 30),
+            Anchor::Middle,
+            false,
+            2,
+            &BLACK,
+        )?;
     }
-    text(&root, unit, (middle, top + 54), Anchor::Middle, false, 2, &GREY_600)?;
+    text(
+        &root,
+        unit,
+        (middle, top + 54),
+        Anchor::Middle,
+        false,
+        2,
+        &GREY_600,
+    )?;
     root.present().map_err(|e| words(&e))
 }

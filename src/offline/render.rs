@@ -64,14 +64,20 @@ pub struct Sun {
 impl Default for Sun {
     /// North-west of a map with north up, as cartographers light relief.
     fn default() -> Self {
-        Self { azimuth_deg: 235.0, elevation_deg: 32.0 }
+        Self {
+            azimuth_deg: 235.0,
+            elevation_deg: 32.0,
+        }
     }
 }
 
 impl Sun {
     /// Unit vector to the sun.
     pub fn direction(&self) -> DVec3 {
-        let (azimuth, elevation) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
+        let (azimuth, elevation) = (
+            self.azimuth_deg.to_radians(),
+            self.elevation_deg.to_radians(),
+        );
         DVec3::new(
             azimuth.sin() * elevation.cos(),
             elevation.sin(),
@@ -87,13 +93,17 @@ pub enum RenderError {
     #[error("{0} must be finite numbers")]
     NonFinite(&'static str),
     /// There is no direction to look in.
-    #[error("eye and target are the same point: move one of them, so that there is a direction to look in")]
+    #[error(
+        "eye and target are the same point: move one of them, so that there is a direction to look in"
+    )]
     NoDirection,
     /// No pixels.
     #[error("a picture of {0}x{1} pixels has none: both numbers must be at least 1")]
     Empty(u32, u32),
     /// Too many pixels.
-    #[error("a picture of {width}x{height} pixels is larger than this GPU can draw: at most {limit} a side")]
+    #[error(
+        "a picture of {width}x{height} pixels is larger than this GPU can draw: at most {limit} a side"
+    )]
     TooLarge {
         /// units: px
         width: u32,
@@ -103,7 +113,9 @@ pub enum RenderError {
         limit: u32,
     },
     /// No field of view.
-    #[error("a field of view of {0} degrees cannot be drawn: it must be more than 0 and less than 180")]
+    #[error(
+        "a field of view of {0} degrees cannot be drawn: it must be more than 0 and less than 180"
+    )]
     FieldOfView(f64),
     /// No such elevation.
     #[error("the sun cannot stand {0} degrees above the horizon: use -90 to 90")]
@@ -231,7 +243,7 @@ pub struct Figures {
     pub box_texels: u32,
     /// The error allowed. units: px
     pub max_error_px: f32,
-    /// GPU time of each pass that casts rays. units: ms
+    /// GPU time of each pass that casts rays, and their `total`. units: ms
     pub gpu_ms: BTreeMap<&'static str, f64>,
     /// How `gpu_ms` was measured.
     pub gpu_ms_by: Clock,
@@ -294,8 +306,15 @@ impl Stage {
         let mut offline = Offline::new()?;
         let limit = offline.max_image_side();
         if shot.size.max_element() > limit {
-            let UVec2 { x: width, y: height } = shot.size;
-            return Err(RenderError::TooLarge { width, height, limit });
+            let UVec2 {
+                x: width,
+                y: height,
+            } = shot.size;
+            return Err(RenderError::TooLarge {
+                width,
+                height,
+                limit,
+            });
         }
         let extent = field.extent_m().max_element();
         let projection = shot.projection(&field);
@@ -303,9 +322,17 @@ impl Stage {
         let handle = world.resource_mut::<Assets<HeightField>>().add(field);
         let terrain = world.spawn(Terrain::new(handle)).id();
         let to_sun = shot.sun.direction().as_vec3();
-        let up = if to_sun.xz().length() < 1e-3 { Vec3::NEG_Z } else { Vec3::Y };
+        let up = if to_sun.xz().length() < 1e-3 {
+            Vec3::NEG_Z
+        } else {
+            Vec3::Y
+        };
         world.spawn((
-            DirectionalLight { illuminance: 6_500.0, color: Color::srgb(1.0, 0.95, 0.87), ..default() },
+            DirectionalLight {
+                illuminance: 6_500.0,
+                color: Color::srgb(1.0, 0.95, 0.87),
+                ..default()
+            },
             SunDisk::OFF,
             Transform::IDENTITY.looking_to(-to_sun, up),
         ));
@@ -313,13 +340,20 @@ impl Stage {
         let camera = offline.camera(
             &target,
             (
-                Camera { clear_color: ClearColorConfig::Custom(SKY), ..default() },
+                Camera {
+                    clear_color: ClearColorConfig::Custom(SKY),
+                    ..default()
+                },
                 Projection::Perspective(projection),
                 Msaa::Off,
                 Tonemapping::None,
                 shot.transform(),
                 shot.casting,
-                AmbientLight { color: Color::srgb(0.75, 0.86, 1.0), brightness: 560.0, ..default() },
+                AmbientLight {
+                    color: Color::srgb(0.75, 0.86, 1.0),
+                    brightness: 560.0,
+                    ..default()
+                },
                 DistanceFog {
                     color: SKY,
                     falloff: FogFalloff::from_visibility(extent * VISIBILITY_EXTENTS),
@@ -327,7 +361,12 @@ impl Stage {
                 },
             ),
         );
-        Ok(Self { offline, terrain, camera, target })
+        Ok(Self {
+            offline,
+            terrain,
+            camera,
+            target,
+        })
     }
 
     /// Points the camera; the picture's size stays.
@@ -338,7 +377,11 @@ impl Stage {
 
     /// Sets how rays are cast.
     pub fn cast(&mut self, casting: TerrainRayCasting) {
-        self.offline.app.world_mut().entity_mut(self.camera).insert(casting);
+        self.offline
+            .app
+            .world_mut()
+            .entity_mut(self.camera)
+            .insert(casting);
     }
 
     /// Draws until the picture is there.
@@ -365,12 +408,18 @@ impl Stage {
     ///
     /// Draws one to three more frames.
     pub fn gpu_ms(&mut self) -> (BTreeMap<&'static str, f64>, Clock) {
-        let casting = self.offline.app.world().get::<TerrainRayCasting>(self.camera);
+        let casting = self
+            .offline
+            .app
+            .world()
+            .get::<TerrainRayCasting>(self.camera);
         let traversal = casting.copied().unwrap_or_default().traversal;
         let runs = |pass: &&str| has_pass(traversal, pass);
         if self.offline.is_software() {
             let times = self.offline.time_cast(self.camera);
-            let times = times.into_iter().flat_map(|times| CAST_PASSES.into_iter().zip(times));
+            let times = times
+                .into_iter()
+                .flat_map(|times| CAST_PASSES.into_iter().zip(times));
             return (times.filter(|(pass, _)| runs(pass)).collect(), Clock::Wait);
         }
         // A frame's timestamps reach the main world two frames later.
@@ -379,7 +428,10 @@ impl Stage {
             self.offline.step();
         }
         let ms = |pass| self.offline.gpu_ms_since(pass, asked);
-        let times = CAST_PASSES.into_iter().filter(runs).filter_map(|pass| Some((pass, ms(pass)?)));
+        let times = CAST_PASSES
+            .into_iter()
+            .filter(runs)
+            .filter_map(|pass| Some((pass, ms(pass)?)));
         (times.collect(), Clock::Timestamps)
     }
 
@@ -397,7 +449,10 @@ impl Stage {
     /// # Errors
     /// [`OfflineError::ReadBack`].
     pub fn hits(&self, size: UVec2) -> Result<HitImage, OfflineError> {
-        Ok(self.offline.hits(self.camera)?.unwrap_or_else(|| HitImage::sky(size)))
+        Ok(self
+            .offline
+            .hits(self.camera)?
+            .unwrap_or_else(|| HitImage::sky(size)))
     }
 }
 
@@ -417,12 +472,25 @@ pub fn render(field: HeightField, shot: &Shot) -> Result<Rendered, RenderError> 
     let depth_m: Vec<f32> = hits
         .ndc_depth
         .iter()
-        .map(|ndc| rays.as_ref().map_or(f32::INFINITY, |rays| rays.view_depth(*ndc) as f32))
+        .map(|ndc| {
+            rays.as_ref()
+                .map_or(f32::INFINITY, |rays| rays.view_depth(*ndc) as f32)
+        })
         .collect();
     let ground = || depth_m.iter().copied().filter(|depth| depth.is_finite());
-    let depth_range_m = ground().reduce(f32::min).zip(ground().reduce(f32::max)).map(<[f32; 2]>::from);
+    let depth_range_m = ground()
+        .reduce(f32::min)
+        .zip(ground().reduce(f32::max))
+        .map(<[f32; 2]>::from);
     let picture = stage.picture()?;
-    let (gpu_ms, gpu_ms_by) = if rays.is_some() { stage.gpu_ms() } else { default() };
+    let (mut gpu_ms, gpu_ms_by) = if rays.is_some() {
+        stage.gpu_ms()
+    } else {
+        default()
+    };
+    if !gpu_ms.is_empty() {
+        gpu_ms.insert("total", gpu_ms.values().sum());
+    }
     let figures = Figures {
         size: shot.size.to_array(),
         adapter: stage.offline.adapter(),
@@ -438,5 +506,10 @@ pub fn render(field: HeightField, shot: &Shot) -> Result<Rendered, RenderError> 
         spacing_m,
         height_range_m: [lowest, highest],
     };
-    Ok(Rendered { picture, depth_m, hits, figures })
+    Ok(Rendered {
+        picture,
+        depth_m,
+        hits,
+        figures,
+    })
 }

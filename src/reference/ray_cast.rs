@@ -357,7 +357,8 @@ impl<'a> Twin<'a> {
         let (o, d) = (ray.origin, ray.direction);
         let end = window.1.min(t_max);
         let mut t = window.0.max(0.0);
-        if !(t <= end) || !end.is_finite() && d == DVec3::ZERO {
+        let comes_in_time = t <= end;
+        if !comes_in_time || !end.is_finite() && d == DVec3::ZERO {
             return None;
         }
         let last = self.cells - 1;
@@ -409,7 +410,7 @@ impl<'a> Twin<'a> {
             let patch = self.patch(cell, ray.anchor_y);
             let above = y.min(y_out) > patch.max() + worst;
             let below = y.max(y_out) < patch.min() - worst;
-            if !(above && !any_ground || below && !any_air) {
+            if (any_air || !below) && (any_ground || !above) {
                 let guard = size.map_or(Quadratic::default(), |size| {
                     size.guard(&self.steepness(cell, ray.anchor_y), t, span)
                 });

@@ -53,6 +53,24 @@ pub fn affine64(affine: Affine3A) -> DAffine3 {
     DAffine3::from_mat4(Mat4::from(affine).as_dmat4())
 }
 
+/// What is read of a terrain in the main world.
+type TerrainData = (
+    Entity,
+    &'static Terrain,
+    &'static GlobalTransform,
+    &'static InheritedVisibility,
+    Option<&'static RenderLayers>,
+);
+
+/// What is read of a camera in the main world.
+type CameraData = (
+    Entity,
+    &'static Camera,
+    &'static GlobalTransform,
+    Option<&'static TerrainRayCasting>,
+    Option<&'static RenderLayers>,
+);
+
 /// Fills [`ExtractedTerrains`] and uploads what has changed in the height fields they show.
 pub fn extract_terrains(
     mut extracted: ResMut<ExtractedTerrains>,
@@ -60,21 +78,8 @@ pub fn extract_terrains(
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     fields: Extract<Res<Assets<HeightField>>>,
-    terrains: Extract<
-        Query<(Entity, &Terrain, &GlobalTransform, &InheritedVisibility, Option<&RenderLayers>)>,
-    >,
-    cameras: Extract<
-        Query<
-            (
-                Entity,
-                &Camera,
-                &GlobalTransform,
-                Option<&TerrainRayCasting>,
-                Option<&RenderLayers>,
-            ),
-            With<Camera3d>,
-        >,
-    >,
+    terrains: Extract<Query<TerrainData>>,
+    cameras: Extract<Query<CameraData, With<Camera3d>>>,
 ) {
     let extracted = &mut *extracted;
     extracted.terrains.clear();
@@ -86,7 +91,9 @@ pub fn extract_terrains(
     }
     for (entity, terrain, transform, visible, layers) in &terrains {
         let id = terrain.height_field.id();
-        let Some(field) = fields.get(id) else { continue };
+        let Some(field) = fields.get(id) else {
+            continue;
+        };
         gpu_fields.upload(id, field, &device, &queue);
         if !visible.get() {
             continue;
@@ -108,7 +115,11 @@ pub fn extract_terrains(
             look: terrain.look.clone(),
         });
     }
-    gpu_fields.retain(|id| terrains.iter().any(|(_, terrain, ..)| terrain.height_field.id() == id));
+    gpu_fields.retain(|id| {
+        terrains
+            .iter()
+            .any(|(_, terrain, ..)| terrain.height_field.id() == id)
+    });
     for (entity, camera, transform, settings, layers) in &cameras {
         if !camera.is_active {
             continue;
@@ -120,7 +131,9 @@ pub fn extract_terrains(
         });
         let world_from_view = affine64(transform.affine());
         for terrain in &extracted.terrains {
-            let Some(field) = fields.get(terrain.field) else { continue };
+            let Some(field) = fields.get(terrain.field) else {
+                continue;
+            };
             let grid_from_view =
                 terrain.grid_from_local * terrain.world_from_local.inverse() * world_from_view;
             let in_air = near_plane_bounds(camera.clip_from_view(), grid_from_view)

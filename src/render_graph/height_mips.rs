@@ -27,7 +27,7 @@ use super::{
     pipelines::{PipelineId, PipelineKey, TerrainPipelines},
     stats::TerrainStats,
 };
-use crate::terrain::{HeightField, HeightFieldChanged, HeightSamples};
+use crate::terrain::{HeightField, HeightFieldChanged, HeightSamples, MinMaxPyramid};
 
 /// One level to compute. Mirrors `Level` in `height_mips.wgsl`.
 #[derive(ShaderType, Clone, Copy, Debug)]
@@ -119,7 +119,9 @@ impl GpuHeightFields {
                 whole
             }
         };
-        let Some(gpu) = self.fields.get_mut(&id) else { return };
+        let Some(gpu) = self.fields.get_mut(&id) else {
+            return;
+        };
         gpu.write(field.samples(), rect, queue);
         gpu.revision = field.revision();
         gpu.pending = Some(gpu.pending.map_or(rect, |old| old.union(rect)));
@@ -137,9 +139,15 @@ fn check_limits(field: &HeightField, limits: &WgpuLimits) -> Result<(), String> 
             size.x, size.y
         ));
     }
-    let node_bytes = if matches!(field.samples(), HeightSamples::F32(_)) { 8 } else { 4 };
+    let node_bytes = if matches!(field.samples(), HeightSamples::F32(_)) {
+        8
+    } else {
+        4
+    };
     let bytes = field.pyramid().node_count() as u64 * node_bytes;
-    let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    let most = limits
+        .max_storage_buffer_binding_size
+        .min(limits.max_buffer_size);
     if bytes > most {
         return Err(format!(
             "the pyramid of a height field of {}x{} samples takes {bytes} bytes, more than this GPU's \
@@ -160,7 +168,11 @@ impl GpuHeightField {
         };
         let texture = device.create_texture(&TextureDescriptor {
             label: Some("skyline_heights"),
-            size: Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
+            size: Extent3d {
+                width: size.x,
+                height: size.y,
+                depth_or_array_layers: 1,
+            },
             mip_level_count: 1,
             sample_count: 1,
             dimension: TextureDimension::D2,
@@ -181,9 +193,7 @@ impl GpuHeightField {
             pyramid: buffer,
             size,
             float,
-            level_offsets: (1..=pyramid.levels())
-                .map(|k| pyramid.level_offset(k) as u32)
-                .collect(),
+            level_offsets: offsets(pyramid),
             texture,
             revision: 0,
             pending: None,
@@ -204,7 +214,11 @@ impl GpuHeightField {
             TexelCopyTextureInfo {
                 texture: &self.texture,
                 mip_level: 0,
-                origin: Origin3d { x: rect.min.x, y: rect.min.y, z: 0 },
+                origin: Origin3d {
+                    x: rect.min.x,
+                    y: rect.min.y,
+                    z: 0,
+                },
                 aspect: TextureAspect::All,
             },
             bytes,
@@ -213,31 +227,46 @@ impl GpuHeightField {
                 bytes_per_row: Some(self.size.x * sample_bytes),
                 rows_per_image: None,
             },
-            Extent3d { width: rect.width(), height: rect.height(), depth_or_array_layers: 1 },
+            Extent3d {
+                width: rect.width(),
+                height: rect.height(),
+                depth_or_array_layers: 1,
+            },
         );
     }
+}
 
-    /// The levels to compute for a rectangle of samples, bottom-up.
-    fn levels_under(&self, rect: URect) -> impl Iterator<Item = GpuMipLevel> + '_ {
-        let cells = self.size - 1;
-        let size_of = move |k: usize| (cells + (1 << k) - 1) >> k as u32;
-        (1..=self.level_offsets.len()).map(move |k| {
-            let size = size_of(k);
-            let node = 1u32 << k;
-            // A sample on a node's border belongs to the nodes on both sides.
-            let first = (rect.min.saturating_sub(UVec2::ONE) / node).min(size - 1);
-            let last = ((rect.max - 1) / node).min(size - 1);
-            GpuMipLevel {
-                first: first.as_ivec2(),
-                count: (last - first + 1).as_ivec2(),
-                size_in: if k == 1 { self.size } else { size_of(k - 1) }.as_ivec2(),
-                offset_in: if k == 1 { 0 } else { self.level_offsets[k - 2] },
-                offset_out: self.level_offsets[k - 1],
-                width_out: size.x as i32,
-                level: k as u32,
-            }
-        })
-    }
+/// Where each level of a pyramid starts, from level 1.
+fn offsets(pyramid: &MinMaxPyramid) -> Vec<u32> {
+    (1..=pyramid.levels())
+        .map(|k| pyramid.level_offset(k) as u32)
+        .collect()
+}
+
+/// The levels to compute for a rectangle of samples, bottom-up.
+fn levels_under(
+    size: UVec2,
+    level_offsets: &[u32],
+    rect: URect,
+) -> impl Iterator<Item = GpuMipLevel> + '_ {
+    let cells = size - 1;
+    let size_of = move |k: usize| (cells + (1 << k) - 1) >> k as u32;
+    (1..=level_offsets.len()).map(move |k| {
+        let level_size = size_of(k);
+        let node = 1u32 << k;
+        // A sample on a node's border belongs to the nodes on both sides.
+        let first = (rect.min.saturating_sub(UVec2::ONE) / node).min(level_size - 1);
+        let last = ((rect.max - 1) / node).min(level_size - 1);
+        GpuMipLevel {
+            first: first.as_ivec2(),
+            count: (last - first + 1).as_ivec2(),
+            size_in: if k == 1 { size } else { size_of(k - 1) }.as_ivec2(),
+            offset_in: if k == 1 { 0 } else { level_offsets[k - 2] },
+            offset_out: level_offsets[k - 1],
+            width_out: level_size.x as i32,
+            level: k as u32,
+        }
+    })
 }
 
 /// The pass: computes what uploads have left pending. Does nothing, and allocates nothing, otherwise.
@@ -258,15 +287,20 @@ pub fn height_mips(
     for field in fields.fields.values_mut() {
         let Some(rect) = field.pending else { continue };
         let key = PipelineKey::HeightMips { float: field.float };
-        let PipelineId::Compute(id) = pipelines.get(&cache, key) else { continue };
-        let Some(pipeline) = cache.get_compute_pipeline(id) else { continue };
+        let PipelineId::Compute(id) = pipelines.get(&cache, key) else {
+            continue;
+        };
+        let Some(pipeline) = cache.get_compute_pipeline(id) else {
+            continue;
+        };
         let mut uniforms = DynamicUniformBuffer::<GpuMipLevel>::default();
-        let levels: Vec<_> = field
-            .levels_under(rect)
+        let levels: Vec<_> = levels_under(field.size, &field.level_offsets, rect)
             .map(|level| (uniforms.push(&level), level.count.as_uvec2()))
             .collect();
         uniforms.write_buffer(&device, &queue);
-        let Some(binding) = uniforms.binding() else { continue };
+        let Some(binding) = uniforms.binding() else {
+            continue;
+        };
         let bind_group = device.create_bind_group(
             "skyline_height_mips",
             &cache.get_bind_group_layout(pipelines.height_mips(field.float)),
@@ -278,10 +312,12 @@ pub fn height_mips(
         );
         let span = diagnostics.time_span(ctx.command_encoder(), "height_mips");
         {
-            let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
-                label: Some("height_mips"),
-                timestamp_writes: None,
-            });
+            let mut pass = ctx
+                .command_encoder()
+                .begin_compute_pass(&ComputePassDescriptor {
+                    label: Some("height_mips"),
+                    timestamp_writes: None,
+                });
             pass.set_pipeline(pipeline);
             for (offset, count) in levels {
                 pass.set_bind_group(0, &bind_group, &[offset]);
@@ -292,5 +328,62 @@ pub fn height_mips(
         span.end(ctx.command_encoder());
         field.pending = None;
         field.ready = true;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_field_beyond_a_limit_is_refused_by_that_limits_name() {
+        let field = HeightField::from_fn(UVec2::new(65, 33), 1.0, (0.0, 1.0), |_, _| 0.5).unwrap();
+        assert_eq!(check_limits(&field, &WgpuLimits::default()), Ok(()));
+        let narrow = WgpuLimits {
+            max_texture_dimension_2d: 64,
+            ..default()
+        };
+        let reason = check_limits(&field, &narrow).unwrap_err();
+        assert!(
+            reason.contains("max_texture_dimension_2d of 64"),
+            "{reason}"
+        );
+        let small = WgpuLimits {
+            max_storage_buffer_binding_size: 256,
+            ..default()
+        };
+        let reason = check_limits(&field, &small).unwrap_err();
+        assert!(
+            reason.contains("max_storage_buffer_binding_size of 256"),
+            "{reason}"
+        );
+    }
+
+    #[test]
+    fn an_edit_reaches_the_nodes_on_both_sides_of_a_shared_sample() {
+        let field = HeightField::from_fn(UVec2::new(9, 9), 1.0, (0.0, 1.0), |_, _| 0.5).unwrap();
+        let pyramid = field.pyramid();
+        for rect in [
+            URect::new(4, 4, 5, 5),
+            URect::new(0, 0, 9, 9),
+            URect::new(8, 3, 9, 4),
+        ] {
+            for k in 1..=pyramid.levels() {
+                let expected = pyramid.affected_nodes(k, rect);
+                let level = levels_under(field.size(), &offsets(pyramid), rect)
+                    .nth(k as usize - 1)
+                    .unwrap();
+                assert_eq!(
+                    level.first.as_uvec2(),
+                    expected.min,
+                    "level {k} under {rect:?}"
+                );
+                assert_eq!(
+                    level.count.as_uvec2(),
+                    expected.size(),
+                    "level {k} under {rect:?}"
+                );
+            }
+        }
     }
 }

@@ -32,13 +32,11 @@ use bevy::{
     prelude::*,
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems,
-
-        renderer::{RenderAdapter, RenderDevice, RenderGraph},
         render_resource::DownlevelFlags,
+        renderer::{RenderAdapter, RenderDevice, RenderGraph},
         settings::WgpuLimits,
     },
 };
-
 
 use extract::{ExtractedTerrains, extract_terrains};
 use height_mips::{GpuHeightFields, height_mips};
@@ -67,7 +65,10 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
         .init_resource::<ExtractedTerrains>()
         .init_gpu_resource::<GpuHeightFields>()
         .init_gpu_resource::<TerrainViews>()
-        .add_systems(RenderStartup, init_terrain_pipelines.after(MeshPipelineSystems))
+        .add_systems(
+            RenderStartup,
+            init_terrain_pipelines.after(MeshPipelineSystems),
+        )
         .add_systems(ExtractSchedule, extract_terrains)
         .add_systems(
             Render,
@@ -100,9 +101,10 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
 
 /// What the passes need of the GPU; the reason names what is missing.
 fn check_capabilities(world: &World) -> Result<(), String> {
-    let (Some(device), Some(adapter)) =
-        (world.get_resource::<RenderDevice>(), world.get_resource::<RenderAdapter>())
-    else {
+    let (Some(device), Some(adapter)) = (
+        world.get_resource::<RenderDevice>(),
+        world.get_resource::<RenderAdapter>(),
+    ) else {
         return Err("no GPU was found: install a Vulkan, Metal or DirectX 12 driver".into());
     };
     let flags = adapter.get_downlevel_capabilities().flags;
@@ -117,8 +119,16 @@ fn check_capabilities(world: &World) -> Result<(), String> {
     }
     let limits: WgpuLimits = device.limits();
     let most = [
-        ("max_storage_buffers_per_shader_stage", limits.max_storage_buffers_per_shader_stage, 5),
-        ("max_storage_textures_per_shader_stage", limits.max_storage_textures_per_shader_stage, 2),
+        (
+            "max_storage_buffers_per_shader_stage",
+            limits.max_storage_buffers_per_shader_stage,
+            5,
+        ),
+        (
+            "max_storage_textures_per_shader_stage",
+            limits.max_storage_textures_per_shader_stage,
+            2,
+        ),
         ("max_bind_groups", limits.max_bind_groups, 4),
         (
             "max_compute_invocations_per_workgroup",
@@ -128,7 +138,9 @@ fn check_capabilities(world: &World) -> Result<(), String> {
     ];
     for (name, has, needs) in most {
         if has < needs {
-            return Err(format!("this GPU's {name} is {has}, and terrain needs {needs}"));
+            return Err(format!(
+                "this GPU's {name} is {has}, and terrain needs {needs}"
+            ));
         }
     }
     Ok(())

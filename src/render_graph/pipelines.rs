@@ -10,14 +10,12 @@ use bevy::{
     pbr::{MeshPipeline, MeshPipelineKey},
     platform::collections::HashMap,
     prelude::*,
-    render::{
-        render_resource::{
-            binding_types::{
-                sampler, storage_buffer_read_only_sized, storage_buffer_sized, texture_2d,
-                texture_depth_2d, texture_storage_2d, uniform_buffer,
-            },
-            *,
+    render::render_resource::{
+        binding_types::{
+            sampler, storage_buffer_read_only_sized, storage_buffer_sized, texture_2d,
+            texture_depth_2d, texture_storage_2d, uniform_buffer,
         },
+        *,
     },
     shader::ShaderDefVal,
 };
@@ -25,8 +23,8 @@ use bevy::{
 use super::{
     height_mips::GpuMipLevel,
     shaders::Shaders,
-    view::{GpuPlacement, GpuTerrainLook, GpuTerrainView},
     subdivide::GpuSubdividePass,
+    view::{GpuPlacement, GpuTerrainLook, GpuTerrainView},
 };
 
 /// Format of the nearest box's entry.
@@ -37,13 +35,33 @@ pub const BOX_DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
 /// What distinguishes one pipeline of a pass from another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PipelineKey {
-    HeightMips { float: bool },
-    Subdivide { float: bool },
-    BoxEntry { float: bool },
-    Beam { float: bool, fine: bool },
-    RayCast { float: bool, stop_at_depth: bool },
-    TerrainDepth { float: bool, samples: u32, normal: bool, motion: bool },
-    TerrainShade { float: bool, mesh: MeshPipelineKey },
+    HeightMips {
+        float: bool,
+    },
+    Subdivide {
+        float: bool,
+    },
+    BoxEntry {
+        float: bool,
+    },
+    Beam {
+        float: bool,
+        fine: bool,
+    },
+    RayCast {
+        float: bool,
+        stop_at_depth: bool,
+    },
+    TerrainDepth {
+        float: bool,
+        samples: u32,
+        normal: bool,
+        motion: bool,
+    },
+    TerrainShade {
+        float: bool,
+        mesh: MeshPipelineKey,
+    },
 }
 
 /// A queued pipeline of either kind.
@@ -123,7 +141,10 @@ impl TerrainPipelines {
         Self {
             height_mips: mips("skyline_height_mips_u16", false),
             height_mips_float: mips("skyline_height_mips_f32", true),
-            field: [field("skyline_field_u16", false), field("skyline_field_f32", true)],
+            field: [
+                field("skyline_field_u16", false),
+                field("skyline_field_f32", true),
+            ],
             subdivide: BindGroupLayoutDescriptor::new(
                 "skyline_subdivide",
                 &BindGroupLayoutEntries::sequential(
@@ -160,7 +181,10 @@ impl TerrainPipelines {
                 let entries = BindGroupLayoutEntries::sequential(
                     compute,
                     (
-                        texture_storage_2d(TextureFormat::R32Float, StorageTextureAccess::ReadWrite),
+                        texture_storage_2d(
+                            TextureFormat::R32Float,
+                            StorageTextureAccess::ReadWrite,
+                        ),
                         texture_storage_2d(TextureFormat::R32Uint, StorageTextureAccess::ReadWrite),
                         storage_buffer_read_only_sized(false, None),
                         unfiltered(),
@@ -210,7 +234,11 @@ impl TerrainPipelines {
     }
 
     pub fn height_mips(&self, float: bool) -> &BindGroupLayoutDescriptor {
-        if float { &self.height_mips_float } else { &self.height_mips }
+        if float {
+            &self.height_mips_float
+        } else {
+            &self.height_mips
+        }
     }
 
     pub fn ray_cast(&self, stop_at_depth: bool) -> &BindGroupLayoutDescriptor {
@@ -269,7 +297,10 @@ impl TerrainPipelines {
                     defs,
                 )
             }
-            PipelineKey::RayCast { float, stop_at_depth } => {
+            PipelineKey::RayCast {
+                float,
+                stop_at_depth,
+            } => {
                 let mut defs = field_defs(float, 0);
                 if stop_at_depth {
                     defs.push("STOP_AT_DEPTH".into());
@@ -277,12 +308,15 @@ impl TerrainPipelines {
                 compute(
                     "ray_cast",
                     &shaders.ray_cast,
-                    vec![self.field(float).clone(), self.ray_cast(stop_at_depth).clone()],
+                    vec![
+                        self.field(float).clone(),
+                        self.ray_cast(stop_at_depth).clone(),
+                    ],
                     defs,
                 )
             }
-            PipelineKey::BoxEntry { float } => PipelineId::Render(cache.queue_render_pipeline(
-                RenderPipelineDescriptor {
+            PipelineKey::BoxEntry { float } => {
+                PipelineId::Render(cache.queue_render_pipeline(RenderPipelineDescriptor {
                     label: Some("box_entry".into()),
                     layout: vec![self.field(float).clone(), self.box_entry.clone()],
                     vertex: VertexState {
@@ -301,11 +335,20 @@ impl TerrainPipelines {
                         targets: vec![Some(BOX_ENTRY_FORMAT.into())],
                         ..default()
                     }),
-                    depth_stencil: Some(depth_state(BOX_DEPTH_FORMAT, CompareFunction::GreaterEqual, true)),
+                    depth_stencil: Some(depth_state(
+                        BOX_DEPTH_FORMAT,
+                        CompareFunction::GreaterEqual,
+                        true,
+                    )),
                     ..default()
-                },
-            )),
-            PipelineKey::TerrainDepth { float, samples, normal, motion } => {
+                }))
+            }
+            PipelineKey::TerrainDepth {
+                float,
+                samples,
+                normal,
+                motion,
+            } => {
                 let mut defs = field_defs(float, 0);
                 let mut targets = Vec::new();
                 if normal || motion {
@@ -338,7 +381,10 @@ impl TerrainPipelines {
                         CompareFunction::GreaterEqual,
                         true,
                     )),
-                    multisample: MultisampleState { count: samples, ..default() },
+                    multisample: MultisampleState {
+                        count: samples,
+                        ..default()
+                    },
                     ..default()
                 }))
             }
@@ -370,7 +416,10 @@ impl TerrainPipelines {
                         CompareFunction::Equal,
                         false,
                     )),
-                    multisample: MultisampleState { count: mesh.msaa_samples(), ..default() },
+                    multisample: MultisampleState {
+                        count: mesh.msaa_samples(),
+                        ..default()
+                    },
                     ..default()
                 }))
             }
@@ -400,13 +449,14 @@ fn field_defs(float: bool, group: u32) -> Vec<ShaderDefVal> {
 /// The definitions Bevy's own full-screen PBR pass (deferred lighting) derives from a view's key, so that
 /// terrain gets the same lights, shadows, fog and tonemapping as meshes.
 fn shade_defs(mesh_pipeline: &MeshPipeline, key: MeshPipelineKey) -> Vec<ShaderDefVal> {
-    use bevy::pbr::{
-        TONEMAPPING_LUT_SAMPLER_BINDING_INDEX, TONEMAPPING_LUT_TEXTURE_BINDING_INDEX,
-    };
+    use bevy::pbr::{TONEMAPPING_LUT_SAMPLER_BINDING_INDEX, TONEMAPPING_LUT_TEXTURE_BINDING_INDEX};
     type Key = MeshPipelineKey;
     let mut defs: Vec<ShaderDefVal> = Vec::new();
     let flags = [
-        (Key::SCREEN_SPACE_AMBIENT_OCCLUSION, "SCREEN_SPACE_AMBIENT_OCCLUSION"),
+        (
+            Key::SCREEN_SPACE_AMBIENT_OCCLUSION,
+            "SCREEN_SPACE_AMBIENT_OCCLUSION",
+        ),
         (Key::ENVIRONMENT_MAP, "ENVIRONMENT_MAP"),
         (Key::NORMAL_PREPASS, "NORMAL_PREPASS"),
         (Key::DEPTH_PREPASS, "DEPTH_PREPASS"),

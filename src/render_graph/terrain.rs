@@ -24,14 +24,21 @@ use super::{
 /// Runs after what meshes draw before the main pass, whose depth stops rays, and before Bevy's depth
 /// pyramid, so that terrain hides meshes there.
 pub fn cast_terrain(
-    view: ViewQuery<(&ExtractedView, &ViewDepthTexture, Option<&ViewPrepassTextures>)>,
+    view: ViewQuery<(
+        &ExtractedView,
+        &ViewDepthTexture,
+        Option<&ViewPrepassTextures>,
+    )>,
     views: Res<TerrainViews>,
     cache: Res<PipelineCache>,
     stats: Res<TerrainStats>,
     mut ctx: RenderContext,
 ) {
     let (extracted_view, depth, prepass) = view.into_inner();
-    let Some(view) = views.views.get(&extracted_view.retained_view_entity.main_entity.id()) else {
+    let Some(view) = views
+        .views
+        .get(&extracted_view.retained_view_entity.main_entity.id())
+    else {
         return;
     };
     if !view.is_castable(&cache) {
@@ -64,7 +71,9 @@ pub struct Caster<'a> {
 impl ViewTerrain {
     /// Terrains to draw this frame.
     pub fn drawn_slots(&self) -> impl Iterator<Item = &TerrainSlot> {
-        self.drawn.iter().filter_map(|entity| self.slots.get(entity))
+        self.drawn
+            .iter()
+            .filter_map(|entity| self.slots.get(entity))
     }
 
     /// Whether every pipeline needed to cast is compiled; half a terrain is never shown.
@@ -78,7 +87,9 @@ impl ViewTerrain {
                     && slot.pipelines.is_some_and(|ids| {
                         compute(ids.subdivide)
                             && render(ids.box_entry)
-                            && ids.beam.is_none_or(|ids| ids.iter().all(|id| compute(Some(*id))))
+                            && ids
+                                .beam
+                                .is_none_or(|ids| ids.iter().all(|id| compute(Some(*id))))
                             && compute(Some(ids.ray_cast))
                             && render(Some(ids.terrain_depth))
                             && ids.terrain_shade.is_some()
@@ -98,7 +109,8 @@ impl Caster<'_> {
         };
         let (Some(subdivide), Some(pipeline)) = (
             &groups.subdivide,
-            ids.subdivide.and_then(|id| self.cache.get_compute_pipeline(id)),
+            ids.subdivide
+                .and_then(|id| self.cache.get_compute_pipeline(id)),
         ) else {
             return;
         };
@@ -108,7 +120,13 @@ impl Caster<'_> {
         encoder.copy_buffer_to_buffer(&lists.template, COUNT_BYTES, &lists.nodes[0], 0, 8);
         for index in 0..slot.subdivide_passes() {
             let arguments = u64::from(index) * 16;
-            encoder.copy_buffer_to_buffer(&lists.counts, arguments, &lists.arguments, arguments, 12);
+            encoder.copy_buffer_to_buffer(
+                &lists.counts,
+                arguments,
+                &lists.arguments,
+                arguments,
+                12,
+            );
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
                 label: Some("subdivide"),
                 timestamp_writes: None,
@@ -140,7 +158,8 @@ impl Caster<'_> {
         };
         let (Some(bind_group), Some(pipeline)) = (
             &groups.box_entry,
-            ids.box_entry.and_then(|id| self.cache.get_render_pipeline(id)),
+            ids.box_entry
+                .and_then(|id| self.cache.get_render_pipeline(id)),
         ) else {
             return;
         };
@@ -157,7 +176,10 @@ impl Caster<'_> {
             })],
             depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
                 view: &targets.depth_view,
-                depth_ops: Some(Operations { load: LoadOp::Clear(0.0), store: StoreOp::Discard }),
+                depth_ops: Some(Operations {
+                    load: LoadOp::Clear(0.0),
+                    store: StoreOp::Discard,
+                }),
                 stencil_ops: None,
             }),
             timestamp_writes: None,
@@ -173,7 +195,8 @@ impl Caster<'_> {
         pass.set_bind_group(1, &**bind_group, &[]);
         pass.draw_indirect(&lists.arguments, DRAW_OFFSET);
         span.end(&mut pass);
-        self.stats.count_dispatch("box_entry", lists.readback.latest());
+        self.stats
+            .count_dispatch("box_entry", lists.readback.latest());
     }
 
     /// One beam for each coarse tile, then one for each fine tile from there.
@@ -183,7 +206,9 @@ impl Caster<'_> {
         else {
             return;
         };
-        let (Some(bind_groups), Some(ids)) = (&groups.beam, ids.beam) else { return };
+        let (Some(bind_groups), Some(ids)) = (&groups.beam, ids.beam) else {
+            return;
+        };
         let mut pass = self.encoder.begin_compute_pass(&ComputePassDescriptor {
             label: Some("beam"),
             timestamp_writes: None,
@@ -191,12 +216,15 @@ impl Caster<'_> {
         let span = self.diagnostics.pass_span(&mut pass, "beam");
         pass.set_bind_group(0, &*groups.field, &[]);
         for ((starts, bind_group), id) in starts.iter().zip(bind_groups).zip(ids) {
-            let Some(pipeline) = self.cache.get_compute_pipeline(id) else { continue };
+            let Some(pipeline) = self.cache.get_compute_pipeline(id) else {
+                continue;
+            };
             pass.set_pipeline(pipeline);
             pass.set_bind_group(1, &**bind_group, &[]);
             let tiles = starts.tiles;
             pass.dispatch_workgroups(tiles.x.div_ceil(8), tiles.y.div_ceil(8), 1);
-            self.stats.count_dispatch("beam", u64::from(tiles.x) * u64::from(tiles.y));
+            self.stats
+                .count_dispatch("beam", u64::from(tiles.x) * u64::from(tiles.y));
         }
         span.end(&mut pass);
     }
@@ -208,7 +236,9 @@ impl Caster<'_> {
         else {
             return;
         };
-        let Some(pipeline) = self.cache.get_compute_pipeline(ids.ray_cast) else { return };
+        let Some(pipeline) = self.cache.get_compute_pipeline(ids.ray_cast) else {
+            return;
+        };
         let mut pass = self.encoder.begin_compute_pass(&ComputePassDescriptor {
             label: Some("ray_cast"),
             timestamp_writes: None,
@@ -220,7 +250,10 @@ impl Caster<'_> {
         let tiles = targets.size.map(|n| n.div_ceil(WORKGROUP_PX));
         pass.dispatch_workgroups(tiles.x, tiles.y, 1);
         span.end(&mut pass);
-        self.stats.count_dispatch("ray_cast", u64::from(targets.size.x) * u64::from(targets.size.y));
+        self.stats.count_dispatch(
+            "ray_cast",
+            u64::from(targets.size.x) * u64::from(targets.size.y),
+        );
     }
 
     /// Writes depth, and normals and motion where the camera keeps them.
@@ -234,7 +267,11 @@ impl Caster<'_> {
             prepass.and_then(|textures| Some(textures.normal.as_ref()?.get_attachment())),
             prepass.and_then(|textures| Some(textures.motion_vectors.as_ref()?.get_attachment())),
         ];
-        let colours = if colours.iter().all(Option::is_none) { &[][..] } else { &colours };
+        let colours = if colours.iter().all(Option::is_none) {
+            &[][..]
+        } else {
+            &colours
+        };
         let mut pass = self.encoder.begin_render_pass(&RenderPassDescriptor {
             label: Some("terrain_depth"),
             color_attachments: colours,
@@ -246,11 +283,22 @@ impl Caster<'_> {
         let span = self.diagnostics.pass_span(&mut pass, "terrain_depth");
         if let Some(viewport) = &view.viewport {
             let (at, size) = (viewport.physical_position, viewport.physical_size);
-            pass.set_viewport(at.x as f32, at.y as f32, size.x as f32, size.y as f32, 0.0, 1.0);
+            pass.set_viewport(
+                at.x as f32,
+                at.y as f32,
+                size.x as f32,
+                size.y as f32,
+                0.0,
+                1.0,
+            );
         }
         for slot in view.drawn_slots() {
-            let (Some(groups), Some(ids)) = (&slot.bind_groups, slot.pipelines) else { continue };
-            let Some(pipeline) = self.cache.get_render_pipeline(ids.terrain_depth) else { continue };
+            let (Some(groups), Some(ids)) = (&slot.bind_groups, slot.pipelines) else {
+                continue;
+            };
+            let Some(pipeline) = self.cache.get_render_pipeline(ids.terrain_depth) else {
+                continue;
+            };
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &*groups.field, &[]);
             pass.set_bind_group(1, &*groups.terrain_depth, &[]);
@@ -274,14 +322,22 @@ impl Caster<'_> {
 
 /// Lights every terrain pixel that is still in front.
 pub fn terrain_shade(
-    view: ViewQuery<(&ExtractedView, &ViewTarget, &ViewDepthTexture, &MeshViewBindGroup)>,
+    view: ViewQuery<(
+        &ExtractedView,
+        &ViewTarget,
+        &ViewDepthTexture,
+        &MeshViewBindGroup,
+    )>,
     views: Res<TerrainViews>,
     cache: Res<PipelineCache>,
     stats: Res<TerrainStats>,
     mut ctx: RenderContext,
 ) {
     let (extracted_view, target, depth, mesh_view) = view.into_inner();
-    let Some(view) = views.views.get(&extracted_view.retained_view_entity.main_entity.id()) else {
+    let Some(view) = views
+        .views
+        .get(&extracted_view.retained_view_entity.main_entity.id())
+    else {
         return;
     };
     if !view.is_castable(&cache) {
@@ -302,8 +358,13 @@ pub fn terrain_shade(
         pass.set_camera_viewport(viewport);
     }
     for slot in view.drawn_slots() {
-        let (Some(groups), Some(ids)) = (&slot.bind_groups, slot.pipelines) else { continue };
-        let Some(pipeline) = ids.terrain_shade.and_then(|id| cache.get_render_pipeline(id)) else {
+        let (Some(groups), Some(ids)) = (&slot.bind_groups, slot.pipelines) else {
+            continue;
+        };
+        let Some(pipeline) = ids
+            .terrain_shade
+            .and_then(|id| cache.get_render_pipeline(id))
+        else {
             continue;
         };
         pass.set_render_pipeline(pipeline);

@@ -59,7 +59,9 @@ pub fn report_terrain(
         return;
     }
     if counts.views_drawn == 0 {
-        let loaded = terrains.iter().any(|(terrain, _)| fields.contains(&terrain.height_field));
+        let loaded = terrains
+            .iter()
+            .any(|(terrain, _)| fields.contains(&terrain.height_field));
         let shown = terrains.iter().any(|(_, visible)| visible.get());
         entry.idle(match (counts.refused.first(), loaded, shown) {
             (Some(reason), ..) => reason,

@@ -9,10 +9,12 @@ pub mod view_rays;
 
 use bevy::{camera::visibility::Visibility, prelude::*};
 
-pub use height_field::{Changed as HeightFieldChanged, HeightField, HeightFieldError, HeightSamples};
+pub use height_field::{
+    Changed as HeightFieldChanged, HeightField, HeightFieldError, HeightSamples,
+};
 pub use loader::{
-    HeightFieldLoadError, HeightFieldLoader, HeightFieldNote, HeightFieldPlugin, HeightFieldSettings,
-    VoidHandling, decode_height_field, read_height_field,
+    HeightFieldLoadError, HeightFieldLoader, HeightFieldNote, HeightFieldPlugin,
+    HeightFieldSettings, VoidHandling, decode_height_field, read_height_field,
 };
 pub use pyramid::{MinMaxPyramid, PyramidNodes};
 pub use query::{HeightFieldHit, HeightFieldHitF64, HitSide, TerrainHit, TerrainQuery};
@@ -38,7 +40,10 @@ pub struct Terrain {
 impl Terrain {
     /// A terrain coloured by height.
     pub fn new(height_field: Handle<HeightField>) -> Self {
-        Self { height_field, look: TerrainLook::default() }
+        Self {
+            height_field,
+            look: TerrainLook::default(),
+        }
     }
 
     /// The same with another look.
@@ -126,7 +131,11 @@ pub struct TerrainRayCasting {
 
 impl Default for TerrainRayCasting {
     fn default() -> Self {
-        Self { traversal: Traversal::default(), box_texels: 16, max_error_px: 0.5 }
+        Self {
+            traversal: Traversal::default(),
+            box_texels: 16,
+            max_error_px: 0.5,
+        }
     }
 }
 
@@ -156,4 +165,3 @@ pub(crate) fn register(app: &mut App) {
         .register_type::<TerrainRayCasting>()
         .register_type::<Traversal>();
 }
-

@@ -95,7 +95,10 @@ impl Unprojection {
             .any(|v| v.abs() > 1e-9);
         let xy = bevy::math::DMat2::from_cols(m.x_axis.xy(), m.y_axis.xy());
         let usable = m.is_finite() && !skewed && xy.determinant().abs() > 1e-300;
-        usable.then(|| Self { matrix: m, xy_from_clip: xy.inverse() })
+        usable.then(|| Self {
+            matrix: m,
+            xy_from_clip: xy.inverse(),
+        })
     }
 
     fn w(&self, t: f64) -> f64 {
@@ -126,7 +129,11 @@ impl Unprojection {
     /// Depth of the far plane, where NDC depth is 0; infinite if there is none.
     fn far(&self) -> f64 {
         let m = self.matrix;
-        if m.z_axis.z.abs() < 1e-30 { f64::INFINITY } else { m.w_axis.z / m.z_axis.z }
+        if m.z_axis.z.abs() < 1e-30 {
+            f64::INFINITY
+        } else {
+            m.w_axis.z / m.z_axis.z
+        }
     }
 }
 
@@ -216,9 +223,15 @@ impl ViewRays {
         let direction_dx = per_px(&way, dx, size.x);
         let direction_dy = per_px(&way, dy, size.y);
 
-        let anchor = DVec2::new(origin.x, origin.z).floor().clamp(DVec2::ZERO, cells);
+        let anchor = DVec2::new(origin.x, origin.z)
+            .floor()
+            .clamp(DVec2::ZERO, cells);
         let anchor_y = origin.y.clamp(lowest, highest);
-        let anchor_y = if inputs.whole_heights { anchor_y.round() } else { anchor_y } as f32;
+        let anchor_y = if inputs.whole_heights {
+            anchor_y.round()
+        } else {
+            anchor_y
+        } as f32;
         let shift = DVec3::new(anchor.x, f64::from(anchor_y), anchor.y);
         let view_from_grid = grid_from_view.inverse();
         let view_from_anchored = view_from_grid * DAffine3::from_translation(shift);
@@ -244,12 +257,18 @@ impl ViewRays {
         };
 
         let corner_origins = CORNERS.map(|ndc| at(ndc) - shift);
-        let origin_size = corner_origins.iter().fold(DVec3::ZERO, |m, o| m.max(o.abs()));
+        let origin_size = corner_origins
+            .iter()
+            .fold(DVec3::ZERO, |m, o| m.max(o.abs()));
         let field_size = DVec3::new(cells.x, highest - lowest, cells.y)
             .max((DVec3::new(0.0, lowest, 0.0) - shift).abs())
             .max((DVec3::new(cells.x, highest, cells.y) - shift).abs());
         let magnitude = field_size + origin_size;
-        let sample_size = if inputs.whole_heights { 0.0 } else { lowest.abs().max(highest.abs()) };
+        let sample_size = if inputs.whole_heights {
+            0.0
+        } else {
+            lowest.abs().max(highest.abs())
+        };
 
         let rows = [0, 1, 2, 3].map(|i| clip_from_grid.row(i));
         let frustum = [
@@ -270,7 +289,9 @@ impl ViewRays {
             || start_high.x > cells.x
             || start_high.z > cells.y;
         let pixel = |a: DVec3, b: DVec3| {
-            DVec2::new(a.x, a.z).length().max(DVec2::new(b.x, b.z).length()) as f32
+            DVec2::new(a.x, a.z)
+                .length()
+                .max(DVec2::new(b.x, b.z).length()) as f32
         };
         Some(Self {
             origin: (origin - shift).as_vec3(),
@@ -316,7 +337,8 @@ impl ViewRays {
     /// of the very `f32` numbers the GPU has, without the rounding it adds. units: grid, anchored
     pub fn ray(&self, pixel: Vec2) -> (DVec3, DVec3) {
         let q = (pixel - 0.5 * self.size_px.as_vec2()).as_dvec2();
-        let along = |o: Vec3, dx: Vec3, dy: Vec3| o.as_dvec3() + q.x * dx.as_dvec3() + q.y * dy.as_dvec3();
+        let along =
+            |o: Vec3, dx: Vec3, dy: Vec3| o.as_dvec3() + q.x * dx.as_dvec3() + q.y * dy.as_dvec3();
         (
             along(self.origin, self.origin_dx, self.origin_dy),
             along(self.direction, self.direction_dx, self.direction_dy),
@@ -386,7 +408,10 @@ fn highest_over(field: &HeightField, first: DVec2, last: DVec2) -> f64 {
                 let v = (last - cell).clamp(DVec2::ZERO, DVec2::ONE);
                 for at in [u, DVec2::new(v.x, u.y), DVec2::new(u.x, v.y), v] {
                     let edge = |row: u32| {
-                        let (p, q) = (field.grid_height(i, j + row), field.grid_height(i + 1, j + row));
+                        let (p, q) = (
+                            field.grid_height(i, j + row),
+                            field.grid_height(i + 1, j + row),
+                        );
                         p + (q - p) * at.x
                     };
                     let (near, far) = (edge(0), edge(1));

@@ -45,7 +45,10 @@ fn stdout_json(output: &Output) -> Value {
 
 fn depths(file: &str) -> Vec<f32> {
     let bytes = std::fs::read(file).expect("the depth file is there");
-    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+    bytes
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect()
 }
 
 /// 33×17 samples 10 m apart, all 25 m high, seen from above the middle toward +X and down: every pixel's depth
@@ -63,14 +66,39 @@ fn depth_of_a_flat_field_is_that_of_a_plane() {
     for traversal in ["per-texel", "max-mip", "boxes", "hybrid"] {
         let (out, depth) = (path(&dir, "flat_out.png"), path(&dir, "flat.f32"));
         let printed = stdout_json(&skyline(&[
-            "render", "--heightmap", &map, "--spacing", "10", "--height-range", range,
-            "--eye", "-20,70,80", "--target", "160,30,80", "--size", "96x54", "--fov", "50",
-            "--max-error-px", "0", "--traversal", traversal, "--out", &out, "--depth", &depth,
+            "render",
+            "--heightmap",
+            &map,
+            "--spacing",
+            "10",
+            "--height-range",
+            range,
+            "--eye",
+            "-20,70,80",
+            "--target",
+            "160,30,80",
+            "--size",
+            "96x54",
+            "--fov",
+            "50",
+            "--max-error-px",
+            "0",
+            "--traversal",
+            traversal,
+            "--out",
+            &out,
+            "--depth",
+            &depth,
         ]));
         assert_eq!(printed["traversal"], traversal);
+        let total = printed["gpu_ms"]["total"].as_f64();
+        assert!(total >= printed["gpu_ms"]["ray_cast"].as_f64() && total > Some(0.0));
         assert_eq!(printed["size"], serde_json::json!([width, height]));
         let picture = image::open(&out).expect("the picture can be read");
-        assert_eq!((picture.width() as usize, picture.height() as usize), (width, height));
+        assert_eq!(
+            (picture.width() as usize, picture.height() as usize),
+            (width, height)
+        );
         let depths = depths(&depth);
         assert_eq!(depths.len(), width * height);
 
@@ -90,7 +118,8 @@ fn depth_of_a_flat_field_is_that_of_a_plane() {
         let (mut ground, mut sky, mut unsure) = (0, 0, 0);
         for y in 0..height {
             for x in 0..width {
-                let across = ((x as f64 + 0.5) / width as f64 * 2.0 - 1.0) * half * width as f64 / height as f64;
+                let across = ((x as f64 + 0.5) / width as f64 * 2.0 - 1.0) * half * width as f64
+                    / height as f64;
                 let upward = (1.0 - (y as f64 + 0.5) / height as f64 * 2.0) * half;
                 let way: [f64; 3] =
                     std::array::from_fn(|i| forward[i] + across * right[i] + upward * up[i]);
@@ -99,11 +128,18 @@ fn depth_of_a_flat_field_is_that_of_a_plane() {
                 let t = (plane - eye[1]) / way[1];
                 let at = [eye[0] + t * way[0], eye[2] + t * way[2]];
                 let inside = |slack: f64| {
-                    way[1] < 0.0 && at[0] > slack && at[0] < 320.0 - slack && at[1] > slack && at[1] < 160.0 - slack
+                    way[1] < 0.0
+                        && at[0] > slack
+                        && at[0] < 320.0 - slack
+                        && at[1] > slack
+                        && at[1] < 160.0 - slack
                 };
                 if inside(0.05) {
                     ground += 1;
-                    assert!((got - t).abs() <= 1e-4 * t, "{traversal} pixel {x},{y}: {got}, not {t}");
+                    assert!(
+                        (got - t).abs() <= 1e-4 * t,
+                        "{traversal} pixel {x},{y}: {got}, not {t}"
+                    );
                 } else if !inside(-0.05) && at[0] > 0.0 {
                     // Past the far and the side borders there is only sky (walls face away or are entered
                     // from in front, where at.x < 0).
@@ -117,8 +153,14 @@ fn depth_of_a_flat_field_is_that_of_a_plane() {
                 }
             }
         }
-        assert!(ground > 1000 && sky > 500, "{traversal}: {ground} ground, {sky} sky, {unsure} not compared");
-        assert_eq!(printed["terrain_px"].as_u64(), Some(depths.iter().filter(|d| d.is_finite()).count() as u64));
+        assert!(
+            ground > 1000 && sky > 500,
+            "{traversal}: {ground} ground, {sky} sky, {unsure} not compared"
+        );
+        assert_eq!(
+            printed["terrain_px"].as_u64(),
+            Some(depths.iter().filter(|d| d.is_finite()).count() as u64)
+        );
     }
 }
 
@@ -133,14 +175,34 @@ fn looking_straight_down_has_rows_from_top_to_bottom() {
         .expect("a picture can be written");
     let (out, depth) = (path(&dir, "down.png"), path(&dir, "down.f32"));
     let output = skyline(&[
-        "render", "--heightmap", &map, "--spacing", "10", "--height-range", "0,100", "--eye", "80,300,80",
-        "--target", "80,0,80", "--size", "33x33", "--fov", "20", "--out", &out, "--depth", &depth,
+        "render",
+        "--heightmap",
+        &map,
+        "--spacing",
+        "10",
+        "--height-range",
+        "0,100",
+        "--eye",
+        "80,300,80",
+        "--target",
+        "80,0,80",
+        "--size",
+        "33x33",
+        "--fov",
+        "20",
+        "--out",
+        &out,
+        "--depth",
+        &depth,
     ]);
     let printed = stdout_json(&output);
     assert_eq!(printed["terrain_px"], 33 * 33);
     let depths = depths(&depth);
     let column: Vec<f32> = (0..33).map(|y| depths[y * 33 + 16]).collect();
-    assert!(column.windows(2).all(|pair| pair[0] > pair[1]), "{column:?}");
+    assert!(
+        column.windows(2).all(|pair| pair[0] > pair[1]),
+        "{column:?}"
+    );
     assert_eq!(depths[16 * 33], depths[16 * 33 + 32], "rows are level");
 }
 
@@ -150,14 +212,35 @@ fn a_view_of_nothing_but_sky_is_a_picture_too() {
     let map = flat_map(&dir, 100);
     let (out, depth) = (path(&dir, "sky.png"), path(&dir, "sky.f32"));
     let printed = stdout_json(&skyline(&[
-        "render", "--heightmap", &map, "--spacing", "10", "--height-range", "0,100", "--eye", "-50,500,3",
-        "--target", "-100,600,3", "--size", "40x30", "--out", &out, "--depth", &depth,
+        "render",
+        "--heightmap",
+        &map,
+        "--spacing",
+        "10",
+        "--height-range",
+        "0,100",
+        "--eye",
+        "-50,500,3",
+        "--target",
+        "-100,600,3",
+        "--size",
+        "40x30",
+        "--out",
+        &out,
+        "--depth",
+        &depth,
     ]));
     assert_eq!(printed["terrain_px"], 0);
     assert_eq!(printed["depth_range_m"], Value::Null);
     assert!(depths(&depth).iter().all(|d| *d == f32::INFINITY));
-    let picture = image::open(&out).expect("the picture can be read").into_rgb8();
-    assert!(picture.pixels().all(|pixel| pixel == picture.get_pixel(0, 0)));
+    let picture = image::open(&out)
+        .expect("the picture can be read")
+        .into_rgb8();
+    assert!(
+        picture
+            .pixels()
+            .all(|pixel| pixel == picture.get_pixel(0, 0))
+    );
 }
 
 #[test]
@@ -172,16 +255,31 @@ fn a_sidecar_supplies_spacing_and_range_and_flags_overrule_it() {
     let out = path(&dir, "side.png");
     let rendered = |more: &[&str]| {
         let mut arguments = vec![
-            "render", "--heightmap", &map, "--eye", "-100,200,3", "--target", "50,0,50", "--size", "32x18",
-            "--out", &out,
+            "render",
+            "--heightmap",
+            &map,
+            "--eye",
+            "-100,200,3",
+            "--target",
+            "50,0,50",
+            "--size",
+            "32x18",
+            "--out",
+            &out,
         ];
         arguments.extend(more);
         stdout_json(&skyline(&arguments))
     };
     let printed = rendered(&[]);
-    assert_eq!((&printed["spacing_m"], &printed["height_range_m"][1]), (&7.5.into(), &40.0.into()));
+    assert_eq!(
+        (&printed["spacing_m"], &printed["height_range_m"][1]),
+        (&7.5.into(), &40.0.into())
+    );
     let printed = rendered(&["--spacing", "3", "--height-range", "-10,10"]);
-    assert_eq!((&printed["spacing_m"], &printed["height_range_m"][1]), (&3.0.into(), &10.0.into()));
+    assert_eq!(
+        (&printed["spacing_m"], &printed["height_range_m"][1]),
+        (&3.0.into(), &10.0.into())
+    );
 }
 
 #[test]
@@ -189,7 +287,9 @@ fn bad_input_is_told_in_one_line_and_exit_code_two() {
     let dir = directory();
     let map = flat_map(&dir, 1000);
     let colour = path(&dir, "colour.png");
-    image::RgbImage::new(4, 4).save(&colour).expect("a picture can be written");
+    image::RgbImage::new(4, 4)
+        .save(&colour)
+        .expect("a picture can be written");
     let text = path(&dir, "text.png");
     std::fs::write(&text, "not a picture").expect("a file can be written");
     let missing = path(&dir, "missing.png");
@@ -245,16 +345,27 @@ fn bad_input_is_told_in_one_line_and_exit_code_two() {
         assert!(!Path::new(&out).exists(), "{arguments:?} wrote a picture");
     }
     assert_bad(&skyline(&["render"]), "--heightmap", &["render"]);
-    assert_bad(&skyline(&["accuracy", "weather", "--out", &here]), "weather", &["accuracy"]);
+    assert_bad(
+        &skyline(&["accuracy", "weather", "--out", &here]),
+        "weather",
+        &["accuracy"],
+    );
     let file = path(&dir, "flat.png");
-    assert_bad(&skyline(&["accuracy", "terrain", "--quick", "--out", &file]), "--out", &["accuracy"]);
+    assert_bad(
+        &skyline(&["accuracy", "terrain", "--quick", "--out", &file]),
+        "--out",
+        &["accuracy"],
+    );
 }
 
 fn assert_bad(output: &Output, names: &str, arguments: &[&str]) {
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
     assert_eq!(message.lines().count(), 1, "{arguments:?}: {message}");
-    assert!(message.contains(names), "{arguments:?} should name {names:?}: {message}");
+    assert!(
+        message.contains(names),
+        "{arguments:?} should name {names:?}: {message}"
+    );
     assert!(output.stdout.is_empty(), "{arguments:?} printed a result");
 }
 
@@ -262,7 +373,10 @@ fn assert_bad(output: &Output, names: &str, arguments: &[&str]) {
 fn help_and_version_succeed() {
     for arguments in [&["--help"][..], &["render", "--help"], &["--version"]] {
         let output = skyline(arguments);
-        assert!(output.status.success() && !output.stdout.is_empty(), "{arguments:?}");
+        assert!(
+            output.status.success() && !output.stdout.is_empty(),
+            "{arguments:?}"
+        );
     }
 }
 
@@ -271,7 +385,11 @@ fn a_quick_accuracy_run_leaves_valid_files() {
     let dir = directory();
     let out = dir.path().join("accuracy");
     let summary = stdout_json(&skyline(&[
-        "accuracy", "terrain", "--quick", "--out", &out.display().to_string(),
+        "accuracy",
+        "terrain",
+        "--quick",
+        "--out",
+        &out.display().to_string(),
     ]));
     assert_eq!(summary["effect"], "terrain");
     let read = |name: &str| std::fs::read_to_string(out.join(name)).expect("the file is there");
@@ -287,9 +405,15 @@ fn a_quick_accuracy_run_leaves_valid_files() {
         let setting = &line["setting"];
         seen.insert(setting["traversal"].as_str().unwrap_or_default().to_owned());
         let time = |name: &str| line["time_ms"][name].as_f64().expect("a number");
-        assert!(time("min") > 0.0 && time("min") <= time("median") && time("median") <= time("max"));
+        assert!(
+            time("min") > 0.0 && time("min") <= time("median") && time("median") <= time("max")
+        );
         assert!(line["time_ms"]["runs"].as_u64() >= Some(1));
-        assert!(line["adapter"].as_str().is_some_and(|name| !name.is_empty()));
+        assert!(
+            line["adapter"]
+                .as_str()
+                .is_some_and(|name| !name.is_empty())
+        );
         assert!(line["reads"]["mean"].as_f64() > Some(0.5), "{line}");
         let error = &line["error"];
         let allowed = setting["max_error_px"].as_f64().expect("a number");
@@ -298,8 +422,14 @@ fn a_quick_accuracy_run_leaves_valid_files() {
             assert_eq!(error["flip_mean"], 0.0, "{line}");
         }
         // A thousandth of a pixel for the rounding of what exact rays hit.
-        assert!(error["depth_error_px_p999"].as_f64() <= Some(allowed + 1e-3), "{line}");
-        assert!(error["silhouette_px_max"].as_f64() <= Some(allowed.ceil() + 1.5), "{line}");
+        assert!(
+            error["depth_error_px_p999"].as_f64() <= Some(allowed + 1e-3),
+            "{line}"
+        );
+        assert!(
+            error["silhouette_px_max"].as_f64() <= Some(allowed.ceil() + 1.5),
+            "{line}"
+        );
     }
     let all = ["boxes", "hybrid", "max-mip", "per-texel"].map(str::to_owned);
     assert_eq!(seen, std::collections::BTreeSet::from(all));
@@ -307,7 +437,10 @@ fn a_quick_accuracy_run_leaves_valid_files() {
     let csv = read("results.csv");
     let columns = csv.lines().next().expect("a head").split(',').count();
     assert_eq!(csv.lines().count(), lines.len() + 1);
-    assert!(csv.lines().all(|line| line.contains('"') || line.split(',').count() == columns));
+    assert!(
+        csv.lines()
+            .all(|line| line.contains('"') || line.split(',').count() == columns)
+    );
 
     let html = read("index.html");
     let adapter = lines[0]["adapter"].as_str().expect("a name");
@@ -321,10 +454,20 @@ fn a_quick_accuracy_run_leaves_valid_files() {
     for file in &pictures {
         assert!(file.exists(), "{} was not written", file.display());
         if file.extension().is_some_and(|extension| extension == "png") {
-            let picture = image::open(file).expect("a picture can be read").into_rgb8();
+            let picture = image::open(file)
+                .expect("a picture can be read")
+                .into_rgb8();
             let first = picture.get_pixel(0, 0);
-            assert!(picture.pixels().any(|pixel| pixel != first), "{} is blank", file.display());
-            let name = file.file_name().expect("a name").to_string_lossy().into_owned();
+            assert!(
+                picture.pixels().any(|pixel| pixel != first),
+                "{} is blank",
+                file.display()
+            );
+            let name = file
+                .file_name()
+                .expect("a name")
+                .to_string_lossy()
+                .into_owned();
             assert!(html.contains(&name), "the page does not show {name}");
         }
     }

@@ -6,7 +6,9 @@ use bevy_skyline::prelude::*;
 
 /// A file of the shared data, or `None` with the reason printed.
 pub fn shared(path: &str) -> Option<PathBuf> {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(path);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../shared/data")
+        .join(path);
     if file.exists() {
         return Some(file);
     }

@@ -48,8 +48,11 @@ fn draw(offline: &mut Offline, scene: &Scene, casting: TerrainRayCasting) -> Hit
         .world_mut()
         .resource_mut::<Assets<HeightField>>()
         .add(scene.field.clone());
-    let terrain =
-        offline.app.world_mut().spawn((Terrain::new(field), scene.world_from_local)).id();
+    let terrain = offline
+        .app
+        .world_mut()
+        .spawn((Terrain::new(field), scene.world_from_local))
+        .id();
     let target = offline.target(scene.size_px);
     let camera = offline.camera(
         &target,
@@ -85,14 +88,23 @@ fn judge(field: &HeightField, rays: &ViewRays, image: &HitImage) -> Tally {
         for x in 0..image.size.x {
             let pixel = Vec2::new(x as f32, y as f32) + 0.5;
             let verdict = twin.judge(rays, pixel, f64::from(rays.t_far));
-            tally.check(rays, pixel, verdict, image.ndc_depth[(y * image.size.x + x) as usize]);
+            tally.check(
+                rays,
+                pixel,
+                verdict,
+                image.ndc_depth[(y * image.size.x + x) as usize],
+            );
         }
     }
     tally
 }
 
 fn exact(traversal: Traversal, box_texels: u32) -> TerrainRayCasting {
-    TerrainRayCasting { traversal, box_texels, max_error_px: 0.0 }
+    TerrainRayCasting {
+        traversal,
+        box_texels,
+        max_error_px: 0.0,
+    }
 }
 
 const TRAVERSALS: [(Traversal, u32); 5] = [
@@ -105,7 +117,9 @@ const TRAVERSALS: [(Traversal, u32); 5] = [
 
 #[test]
 fn every_hard_case_agrees_with_the_twin_in_every_traversal() {
-    let Some(mut offline) = crate::device() else { return };
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
     let mut failures = Vec::new();
     let mut total = Tally::default();
     for scene in scenes() {
@@ -142,20 +156,41 @@ fn every_hard_case_agrees_with_the_twin_in_every_traversal() {
         total.misses,
         total.in_band
     );
-    assert!(failures.is_empty(), "{} failures:\n{}", failures.len(), failures.join("\n"));
+    assert!(
+        failures.is_empty(),
+        "{} failures:\n{}",
+        failures.len(),
+        failures.join("\n")
+    );
     total.assert_ok(0.05);
 }
 
 #[test]
 fn the_real_elevation_model_agrees_with_the_twin() {
-    let Some(mut offline) = crate::device() else { return };
-    let Some(field) = elevation_model("taiwan_central_range_1024") else { return };
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
+    let Some(field) = elevation_model("taiwan_central_range_1024") else {
+        return;
+    };
     let mut total = Tally::default();
     for (eye, at) in [
-        (Vec3::new(30_000.0, 2_600.0, 60_000.0), Vec3::new(50_000.0, 1_500.0, 20_000.0)),
-        (Vec3::new(41_000.0, 14_000.0, 50_000.0), Vec3::new(41_000.0, 0.0, 40_000.0)),
-        (Vec3::new(41_000.0, 40_000.0, 41_000.0), Vec3::new(41_001.0, 0.0, 41_000.0)),
-        (Vec3::new(-9_000.0, 5_000.0, -4_000.0), Vec3::new(20_000.0, 1_000.0, 20_000.0)),
+        (
+            Vec3::new(30_000.0, 2_600.0, 60_000.0),
+            Vec3::new(50_000.0, 1_500.0, 20_000.0),
+        ),
+        (
+            Vec3::new(41_000.0, 14_000.0, 50_000.0),
+            Vec3::new(41_000.0, 0.0, 40_000.0),
+        ),
+        (
+            Vec3::new(41_000.0, 40_000.0, 41_000.0),
+            Vec3::new(41_001.0, 0.0, 41_000.0),
+        ),
+        (
+            Vec3::new(-9_000.0, 5_000.0, -4_000.0),
+            Vec3::new(20_000.0, 1_000.0, 20_000.0),
+        ),
     ] {
         let size_px = UVec2::new(160, 90);
         let mut projection = PerspectiveProjection::default();

@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use bevy::{
-    math::{Affine3A, DAffine3, DMat3, DVec3, Mat4, Quat, UVec2, Vec3, Vec4},
+    math::{Affine3A, DAffine3, DMat3, Mat4, Quat, UVec2, Vec3, Vec4},
     transform::components::Transform,
 };
 use bevy_skyline::terrain::{
@@ -78,11 +78,10 @@ impl Scene {
 pub fn as_f64(a: Affine3A) -> DAffine3 {
     DAffine3 {
         matrix3: DMat3::from_cols(
-            DVec3::from(Vec3::from(a.matrix3.x_axis).as_dvec3()),
-            DVec3::from(Vec3::from(a.matrix3.y_axis).as_dvec3()),
-            DVec3::from(Vec3::from(a.matrix3.z_axis).as_dvec3()),
-        )
-        .into(),
+            Vec3::from(a.matrix3.x_axis).as_dvec3(),
+            Vec3::from(a.matrix3.y_axis).as_dvec3(),
+            Vec3::from(a.matrix3.z_axis).as_dvec3(),
+        ),
         translation: Vec3::from(a.translation).as_dvec3(),
     }
 }

@@ -502,7 +502,7 @@ fn scenes_inside_the_ground_come_out_where_they_should() {
             above(&scene.field, o, d, t).is_some(),
             "{name}: out by a wall"
         );
-        let last = DVec2::from(scene.field.cells().as_dvec2()) - 1.0;
+        let last = scene.field.cells().as_dvec2() - 1.0;
         let at_border = out.xz().cmpgt(last).any() || out.xz().cmplt(DVec2::ONE).any();
         assert_eq!(at_border, last_cell, "{name}: out at {out}");
     }

@@ -4,9 +4,7 @@ use bevy::math::{UVec2, Vec2};
 use serde::Serialize;
 
 use super::percentile;
-use crate::{
-    offline::HitImage, reference::ray_cast::Twin, terrain::view_rays::ViewRays,
-};
+use crate::{offline::HitImage, reference::ray_cast::Twin, terrain::view_rays::ViewRays};
 
 /// Errors of a picture of terrain.
 #[derive(Serialize, Clone, Copy, Debug, Default, PartialEq)]
@@ -66,7 +64,12 @@ fn distance_to(covered: bool, at: UVec2, coverage: &[bool], size: UVec2) -> f64 
             break;
         }
         for along in -radius..=radius {
-            for (dx, dy) in [(along, -radius), (along, radius), (-radius, along), (radius, along)] {
+            for (dx, dy) in [
+                (along, -radius),
+                (along, radius),
+                (-radius, along),
+                (radius, along),
+            ] {
                 let (x, y) = (at.x + dx, at.y + dy);
                 let inside = x >= 0 && y >= 0 && x < limit.x && y < limit.y;
                 if inside && coverage[(y * limit.x + x) as usize] == covered {

@@ -65,14 +65,21 @@ impl Timing {
     /// Of any number of timings, zero for none.
     pub fn of(mut times: Vec<f64>) -> Self {
         times.sort_by(f64::total_cmp);
-        let (Some(min), Some(max)) = (times.first(), times.last()) else { return Self::default() };
+        let (Some(min), Some(max)) = (times.first(), times.last()) else {
+            return Self::default();
+        };
         let middle = times.len() / 2;
         let median = if times.len() % 2 == 1 {
             times[middle]
         } else {
             0.5 * (times[middle - 1] + times[middle])
         };
-        Self { median, min: *min, max: *max, runs: times.len() }
+        Self {
+            median,
+            min: *min,
+            max: *max,
+            runs: times.len(),
+        }
     }
 }
 
@@ -100,7 +107,10 @@ pub struct Summary {
 /// The value below which a share of the values lies; the largest for 1, 0 for none.
 fn percentile<T: Copy + Default>(sorted: &[T], share: f64) -> T {
     let last = sorted.len().saturating_sub(1);
-    sorted.get(((share * last as f64).ceil() as usize).min(last)).copied().unwrap_or_default()
+    sorted
+        .get(((share * last as f64).ceil() as usize).min(last))
+        .copied()
+        .unwrap_or_default()
 }
 
 #[cfg(test)]

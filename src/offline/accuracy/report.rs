@@ -35,8 +35,12 @@ impl Report {
     /// # Errors
     /// [`ReportError`].
     pub fn new(out: &Path, effect: &'static str) -> Result<Self, ReportError> {
-        let report =
-            Self { out: out.to_owned(), effect, files: Vec::new(), pictures: Vec::new() };
+        let report = Self {
+            out: out.to_owned(),
+            effect,
+            files: Vec::new(),
+            pictures: Vec::new(),
+        };
         std::fs::create_dir_all(out).map_err(|error| failed(out, &error))?;
         // Found out now rather than after minutes of measuring.
         let probe = out.join(".skyline_probe");
@@ -113,7 +117,12 @@ impl Report {
         let mut text = format!("{head} Measured on {}.\n", utc_now());
         for (title, heads, rows) in tables {
             let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-            let _ = write!(text, "\n### {title}\n\n{}|{}\n", line(heads), "---|".repeat(heads.len()));
+            let _ = write!(
+                text,
+                "\n### {title}\n\n{}|{}\n",
+                line(heads),
+                "---|".repeat(heads.len())
+            );
             for row in rows {
                 text.push_str(&line(row));
             }
@@ -155,9 +164,16 @@ impl Report {
         }
         for (title, heads, rows) in tables {
             let cells = |tag: &str, row: &[String]| {
-                row.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell))).collect::<String>()
+                row.iter()
+                    .map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell)))
+                    .collect::<String>()
             };
-            let _ = writeln!(text, "<h2>{}</h2>\n<table><tr>{}</tr>", escaped(title), cells("th", heads));
+            let _ = writeln!(
+                text,
+                "<h2>{}</h2>\n<table><tr>{}</tr>",
+                escaped(title),
+                cells("th", heads)
+            );
             for row in rows {
                 let _ = writeln!(text, "<tr>{}</tr>", cells("td", row));
             }
@@ -174,16 +190,24 @@ impl Report {
 }
 
 fn failed(path: &Path, reason: &dyn std::fmt::Display) -> ReportError {
-    ReportError { path: path.to_owned(), reason: reason.to_string() }
+    ReportError {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    }
 }
 
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }
 
 /// Date and time of day, by this machine's clock.
 fn utc_now() -> String {
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |past| past.as_secs());
+    let seconds = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |past| past.as_secs());
     let (year, month, day) = civil(seconds / 86_400);
     let (hour, minute) = (seconds / 3_600 % 24, seconds / 60 % 60);
     format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02} UTC")
@@ -199,7 +223,11 @@ fn civil(days: u64) -> (u64, u64, u64) {
     let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
     let from_march = (5 * of_year + 2) / 153;
     let day = of_year - (153 * from_march + 2) / 5 + 1;
-    let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
+    let month = if from_march < 10 {
+        from_march + 3
+    } else {
+        from_march - 9
+    };
     (era * 400 + year_of_era + u64::from(month <= 2), month, day)
 }
 

@@ -90,7 +90,10 @@ pub fn views(field: &HeightField) -> [View; 2] {
             name: "low",
             what: "low, to the horizon",
             eye: at(low_eye, lowest + above),
-            target: at(low_target, lowest + above - (0.283 * range).max(0.01 * longer)),
+            target: at(
+                low_target,
+                lowest + above - (0.283 * range).max(0.01 * longer),
+            ),
         },
         View {
             name: "high",
@@ -117,12 +120,17 @@ mod tests {
     fn views_start_above_the_ground_whatever_the_field() {
         for field in [
             mountains(129).expect("a field can be made"),
-            HeightField::from_f32(UVec2::new(2, 2), 0.001, vec![5.0; 4]).expect("a field can be made"),
-            HeightField::from_f32(UVec2::new(3, 200), 10.0, vec![-50.0; 600]).expect("a field can be made"),
+            HeightField::from_f32(UVec2::new(2, 2), 0.001, vec![5.0; 4])
+                .expect("a field can be made"),
+            HeightField::from_f32(UVec2::new(3, 200), 10.0, vec![-50.0; 600])
+                .expect("a field can be made"),
         ] {
             for view in views(&field) {
                 let ground = field.height_at_f64(DVec2::new(view.eye.x, view.eye.z));
-                assert!(ground.is_some_and(|ground| view.eye.y > ground), "{field:?} {view:?}");
+                assert!(
+                    ground.is_some_and(|ground| view.eye.y > ground),
+                    "{field:?} {view:?}"
+                );
                 assert_ne!(view.eye, view.target);
             }
         }

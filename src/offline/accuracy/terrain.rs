@@ -58,12 +58,18 @@ pub struct Plan {
 impl Plan {
     /// P1's picture size and every setting.
     pub fn full() -> Self {
-        Self { size: UVec2::new(1600, 900), quick: false }
+        Self {
+            size: UVec2::new(1600, 900),
+            quick: false,
+        }
     }
 
     /// Seconds rather than minutes.
     pub fn quick() -> Self {
-        Self { size: UVec2::new(320, 180), quick: true }
+        Self {
+            size: UVec2::new(320, 180),
+            quick: true,
+        }
     }
 
     fn rounds(&self) -> usize {
@@ -71,14 +77,22 @@ impl Plan {
     }
 
     fn errors_px(&self) -> &'static [f32] {
-        if self.quick { &[0.0, MAX_ERROR_PX, 2.0] } else { &[0.0, MAX_ERROR_PX, 1.0, 2.0, 4.0] }
+        if self.quick {
+            &[0.0, MAX_ERROR_PX, 2.0]
+        } else {
+            &[0.0, MAX_ERROR_PX, 1.0, 2.0, 4.0]
+        }
     }
 
     /// Box sizes up to the one that holds the whole field.
     fn boxes(&self, field: &HeightField) -> Vec<u32> {
         let whole = field.cells().max_element().next_power_of_two().max(4);
-        let all = PAPER.iter().map(|(texels, ..)| *texels).filter(|texels| *texels <= whole);
-        all.filter(|texels| !self.quick || [4, 16, 64].contains(texels)).collect()
+        let all = PAPER
+            .iter()
+            .map(|(texels, ..)| *texels)
+            .filter(|texels| *texels <= whole);
+        all.filter(|texels| !self.quick || [4, 16, 64].contains(texels))
+            .collect()
     }
 
     /// Every setting to measure, the exact one first.
@@ -179,7 +193,11 @@ impl Reads {
     fn of(hits: &HitImage) -> Self {
         let mut sorted: Vec<u32> = hits.reads().collect();
         sorted.sort_unstable();
-        Self { mean: hits.mean_reads(), p99: percentile(&sorted, 0.99), max: percentile(&sorted, 1.0) }
+        Self {
+            mean: hits.mean_reads(),
+            p99: percentile(&sorted, 0.99),
+            max: percentile(&sorted, 1.0),
+        }
     }
 }
 
@@ -240,7 +258,11 @@ pub fn measure(
     report.results(&lines)?;
     report.csv(&csv(&lines))?;
     let adapter = stage.offline.adapter();
-    let clock = lines.iter().map(|line| line.time_by).find(|by| *by != Clock::None).unwrap_or_default();
+    let clock = lines
+        .iter()
+        .map(|line| line.time_by)
+        .find(|by| *by != Clock::None)
+        .unwrap_or_default();
     let head = format!(
         "{name}, {}×{} samples {} m apart; {}×{} px; {adapter}; times are the median of up to {} alternating \
          rounds by {}.",
@@ -314,17 +336,26 @@ fn measure_view(
         }
         let hits = stage.hits(shot.size)?;
         let picture = stage.picture()?;
-        let rays = stage.offline.view_rays(stage.camera, stage.terrain).ok_or_else(|| {
-            OfflineError::Unsupported("the view shows none of it, though it was chosen to".into())
-        })?;
-        let (exact_hits, exact_picture) = exact.get_or_insert_with(|| (hits.clone(), picture.clone()));
-        let error =
-            TerrainError::of(&hits, &picture, (exact_hits, exact_picture), twin, &rays);
+        let rays = stage
+            .offline
+            .view_rays(stage.camera, stage.terrain)
+            .ok_or_else(|| {
+                OfflineError::Unsupported(
+                    "the view shows none of it, though it was chosen to".into(),
+                )
+            })?;
+        let (exact_hits, exact_picture) =
+            exact.get_or_insert_with(|| (hits.clone(), picture.clone()));
+        let error = TerrainError::of(&hits, &picture, (exact_hits, exact_picture), twin, &rays);
         if casting.box_texels == BOX_TEXELS
             && (casting.max_error_px == MAX_ERROR_PX || casting.traversal == Traversal::PerTexel)
         {
             heat.push((
-                format!("{}, mean {:.1}", letter(casting.traversal), hits.mean_reads()),
+                format!(
+                    "{}, mean {:.1}",
+                    letter(casting.traversal),
+                    hits.mean_reads()
+                ),
                 hits.reads().collect(),
             ));
         }
@@ -360,7 +391,10 @@ fn measure_view(
     }
     for (line, rounds) in lines.iter_mut().zip(rounds) {
         line.time_ms = Timing::of(rounds.total);
-        let medians = rounds.passes.into_iter().map(|(pass, times)| (pass, Timing::of(times).median));
+        let medians = rounds
+            .passes
+            .into_iter()
+            .map(|(pass, times)| (pass, Timing::of(times).median));
         line.pass_ms = medians.collect();
     }
     let exact = exact.map(|(_, picture)| picture).unwrap_or_default();
@@ -392,7 +426,10 @@ fn letter(traversal: Traversal) -> &'static str {
 
 fn words(setting: &Setting) -> String {
     match setting.box_texels {
-        Some(texels) => format!("{} {texels}, {} px", setting.traversal, setting.max_error_px),
+        Some(texels) => format!(
+            "{} {texels}, {} px",
+            setting.traversal, setting.max_error_px
+        ),
         None => format!("{}, {} px", setting.traversal, setting.max_error_px),
     }
 }
@@ -420,8 +457,10 @@ fn find<'a>(
 fn ratios(lines: &[&TerrainLine]) -> Vec<Ratios> {
     let b = find(lines, Traversal::PerTexel, None, None);
     let c = find(lines, Traversal::MaxMip, None, Some(MAX_ERROR_PX));
-    let mut texels: Vec<u32> =
-        lines.iter().filter_map(|line| line.setting.box_texels).collect();
+    let mut texels: Vec<u32> = lines
+        .iter()
+        .filter_map(|line| line.setting.box_texels)
+        .collect();
     texels.sort_unstable();
     texels.dedup();
     texels
@@ -439,7 +478,11 @@ fn ratios(lines: &[&TerrainLine]) -> Vec<Ratios> {
                     ratio(c, Traversal::Hybrid),
                 ]
             };
-            Ratios { texels, by_time: of(|line| line.time_ms.median), by_reads: of(|line| line.reads.mean) }
+            Ratios {
+                texels,
+                by_time: of(|line| line.time_ms.median),
+                by_reads: of(|line| line.reads.mean),
+            }
         })
         .collect()
 }
@@ -453,12 +496,18 @@ fn draw(
     measured: &Measured,
 ) -> Result<(), AccuracyError> {
     let lines: Vec<_> = measured.lines.iter().collect();
-    let path = report.file(&format!("picture_{}.png", view.name), &format!("The exact picture, {}", view.what));
+    let path = report.file(
+        &format!("picture_{}.png", view.name),
+        &format!("The exact picture, {}", view.what),
+    );
     report.save(&path, &measured.exact)?;
     let panels: Vec<_> = measured
         .heat
         .iter()
-        .map(|(title, values)| HeatPanel { title: title.clone(), values })
+        .map(|(title, values)| HeatPanel {
+            title: title.clone(),
+            values,
+        })
         .collect();
     let path = report.file(
         &format!("reads_{}.png", view.name),
@@ -469,11 +518,18 @@ fn draw(
         ),
     );
     let title = format!("Reads per pixel, {}", view.what);
-    write_heat_maps(&path, &title, "reads per pixel, one scale for all", size, &panels)?;
+    write_heat_maps(
+        &path,
+        &title,
+        "reads per pixel, one scale for all",
+        size,
+        &panels,
+    )?;
 
-    for (file, what, by_time) in
-        [("ratio_time", "time", true), ("ratio_reads", "reads", false)]
-    {
+    for (file, what, by_time) in [
+        ("ratio_time", "time", true),
+        ("ratio_reads", "reads", false),
+    ] {
         let ratios = ratios(&lines);
         let mut series: Vec<Series> = RATIO_NAMES
             .iter()
@@ -483,7 +539,11 @@ fn draw(
                 points: ratios
                     .iter()
                     .filter_map(|ratios| {
-                        let value = if by_time { ratios.by_time } else { ratios.by_reads }[index]?;
+                        let value = if by_time {
+                            ratios.by_time
+                        } else {
+                            ratios.by_reads
+                        }[index]?;
                         Some((f64::from(ratios.texels), value))
                     })
                     .collect(),
@@ -493,7 +553,10 @@ fn draw(
         if by_time {
             let paper = |name: &str, pick: fn(&(u32, f64, f64)) -> f64| Series {
                 name: name.into(),
-                points: PAPER.iter().map(|row| (f64::from(row.0), pick(row))).collect(),
+                points: PAPER
+                    .iter()
+                    .map(|row| (f64::from(row.0), pick(row)))
+                    .collect(),
                 quoted: true,
             };
             series.push(paper("A:B in P1", |row| row.1));
@@ -501,7 +564,10 @@ fn draw(
         }
         let path = report.file(
             &format!("{file}_{}.png", view.name),
-            &format!("How many times cheaper by {what}, against box size, {} (as P1, Table 1)", view.what),
+            &format!(
+                "How many times cheaper by {what}, against box size, {} (as P1, Table 1)",
+                view.what
+            ),
         );
         LinePlot {
             title: format!("Times cheaper by {what}, {}", view.what),
@@ -515,15 +581,24 @@ fn draw(
     let at_error = |traversal: Traversal| {
         let mut points: Vec<(f64, f64)> = lines
             .iter()
-            .filter(|line| line.casting.traversal == traversal && line.casting.box_texels == BOX_TEXELS)
+            .filter(|line| {
+                line.casting.traversal == traversal && line.casting.box_texels == BOX_TEXELS
+            })
             .map(|line| (line.error.depth_error_px_p999, line.time_ms.median))
             .collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Series { name: letter(traversal).into(), points, quoted: false }
+        Series {
+            name: letter(traversal).into(),
+            points,
+            quoted: false,
+        }
     };
     let path = report.file(
         &format!("time_error_{}.png", view.name),
-        &format!("Time against measured error for every max_error_px, {}", view.what),
+        &format!(
+            "Time against measured error for every max_error_px, {}",
+            view.what
+        ),
     );
     LinePlot {
         title: format!("Time against error, {}", view.what),
@@ -543,7 +618,12 @@ fn draw(
 pub(super) type Table = (String, Vec<String>, Vec<Vec<String>>);
 
 fn view_tables(view: &View, lines: &[&TerrainLine]) -> Vec<Table> {
-    let heads = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+    let heads = |names: &[&str]| {
+        names
+            .iter()
+            .map(|name| (*name).to_owned())
+            .collect::<Vec<_>>()
+    };
     let number = |value: Option<f64>| value.map_or_else(|| "–".into(), short);
     let ratio_rows = ratios(lines)
         .into_iter()
@@ -564,17 +644,25 @@ fn view_tables(view: &View, lines: &[&TerrainLine]) -> Vec<Table> {
             let pass = |pass: &str| number(line.pass_ms.get(pass).copied());
             let mut row = vec![
                 line.setting.traversal.to_owned(),
-                line.setting.box_texels.map_or_else(|| "–".into(), |texels| texels.to_string()),
+                line.setting
+                    .box_texels
+                    .map_or_else(|| "–".into(), |texels| texels.to_string()),
                 line.setting.max_error_px.to_string(),
                 short(line.time_ms.median),
-                format!("{}…{} ({})", short(line.time_ms.min), short(line.time_ms.max), line.time_ms.runs),
+                format!(
+                    "{}…{} ({})",
+                    short(line.time_ms.min),
+                    short(line.time_ms.max),
+                    line.time_ms.runs
+                ),
             ];
             row.extend(CAST_PASSES.map(pass));
             row.extend([
                 short(line.reads.mean),
                 line.reads.p99.to_string(),
                 line.reads.max.to_string(),
-                line.boxes.map_or_else(|| "–".into(), |boxes| boxes.to_string()),
+                line.boxes
+                    .map_or_else(|| "–".into(), |boxes| boxes.to_string()),
                 error.coverage_errors_px.to_string(),
                 short(error.silhouette_px_max),
                 short(error.depth_error_px_p999),
@@ -586,19 +674,46 @@ fn view_tables(view: &View, lines: &[&TerrainLine]) -> Vec<Table> {
         .collect();
     vec![
         (
-            format!("P1's Table 1, view {}: times cheaper, {MAX_ERROR_PX} px allowed (B exact)", view.what),
+            format!(
+                "P1's Table 1, view {}: times cheaper, {MAX_ERROR_PX} px allowed (B exact)",
+                view.what
+            ),
             heads(&[
-                "τ", "A:B time", "A:C time", "hybrid:B time", "hybrid:C time", "A:B reads", "A:C reads",
-                "hybrid:B reads", "hybrid:C reads", "A:B in P1", "A:C in P1",
+                "τ",
+                "A:B time",
+                "A:C time",
+                "hybrid:B time",
+                "hybrid:C time",
+                "A:B reads",
+                "A:C reads",
+                "hybrid:B reads",
+                "hybrid:C reads",
+                "A:B in P1",
+                "A:C in P1",
             ]),
             ratio_rows,
         ),
         (
             format!("Every setting, view {}", view.what),
             heads(&[
-                "traversal", "box_texels", "max_error_px", "ms", "min…max (runs)", "subdivide", "box_entry",
-                "beam", "ray_cast", "reads", "reads p99", "reads max", "boxes", "coverage errors px",
-                "silhouette px max", "depth error px p99.9", "depth error px max", "FLIP mean",
+                "traversal",
+                "box_texels",
+                "max_error_px",
+                "ms",
+                "min…max (runs)",
+                "subdivide",
+                "box_entry",
+                "beam",
+                "ray_cast",
+                "reads",
+                "reads p99",
+                "reads max",
+                "boxes",
+                "coverage errors px",
+                "silhouette px max",
+                "depth error px p99.9",
+                "depth error px max",
+                "FLIP mean",
             ]),
             setting_rows,
         ),
@@ -612,21 +727,42 @@ fn short(value: f64) -> String {
     }
     let digits = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
     let text = format!("{value:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        text
+    }
 }
 
 fn csv(lines: &[TerrainLine]) -> Table {
     let mut heads: Vec<String> = [
-        "effect", "scene", "traversal", "box_texels", "max_error_px", "time_ms_median", "time_ms_min",
-        "time_ms_max", "time_ms_runs",
+        "effect",
+        "scene",
+        "traversal",
+        "box_texels",
+        "max_error_px",
+        "time_ms_median",
+        "time_ms_min",
+        "time_ms_max",
+        "time_ms_runs",
     ]
     .map(str::to_owned)
     .to_vec();
     heads.extend(CAST_PASSES.map(|pass| format!("{pass}_ms")));
     heads.extend(
         [
-            "reads_mean", "reads_p99", "reads_max", "boxes", "coverage_errors_px", "silhouette_px_max",
-            "depth_error_px_p999", "depth_error_px_max", "flip_mean", "width_px", "height_px", "adapter",
+            "reads_mean",
+            "reads_p99",
+            "reads_max",
+            "boxes",
+            "coverage_errors_px",
+            "silhouette_px_max",
+            "depth_error_px_p999",
+            "depth_error_px_max",
+            "flip_mean",
+            "width_px",
+            "height_px",
+            "adapter",
         ]
         .map(str::to_owned),
     );
@@ -702,7 +838,10 @@ mod tests {
         let field = super::super::scene::mountains(129).expect("a field can be made");
         for plan in [Plan::full(), Plan::quick()] {
             let settings = plan.settings(&field);
-            assert_eq!((settings[0].traversal, settings[0].max_error_px), (Traversal::MaxMip, 0.0));
+            assert_eq!(
+                (settings[0].traversal, settings[0].max_error_px),
+                (Traversal::MaxMip, 0.0)
+            );
             for (index, setting) in settings.iter().enumerate() {
                 assert!(!settings[..index].contains(setting), "{setting:?}");
             }

@@ -1,0 +1,327 @@
+//! What each camera needs for the terrains it sees: the numbers the shaders read (`gpu`), the textures and
+//! buffers of its passes (here and `slot`), and their bind groups (`bind`).
+//!
+//! All of it is kept from frame to frame and only made anew when a size, a field or a setting changes; a
+//! standing scene writes its uniforms and allocates nothing.
+
+mod bind;
+mod gpu;
+mod slot;
+
+use bevy::{
+    camera::{MainPassResolutionOverride, Viewport},
+    platform::{collections::HashMap, time::Instant},
+    prelude::*,
+    render::{
+        camera::{ExtractedCamera, TemporalJitter},
+        render_resource::*,
+        renderer::{RenderDevice, RenderQueue},
+        view::ExtractedView,
+    },
+};
+
+use super::{
+    extract::{ExtractedTerrains, affine64, clip_from_world},
+    height_mips::GpuHeightFields,
+    pipelines::{BOX_DEPTH_FORMAT, BOX_ENTRY_FORMAT},
+    stats::TerrainStats,
+    subdivide::COUNT_BYTES,
+};
+use crate::terrain::{
+    Traversal,
+    view_rays::{ViewInputs, ViewRays},
+};
+use bind::Unused;
+use slot::SlotInputs;
+
+pub use bind::{SlotBindGroups, prepare_terrain_bind_groups};
+pub use gpu::{GpuPlacement, GpuTerrainLook, GpuTerrainView};
+pub use slot::{BoxLists, SlotPipelines, TerrainSlot, TileStarts};
+
+/// Terrains one camera can draw: `hit_surface` names them in eight bits.
+pub const MAX_TERRAINS: usize = 255;
+/// Side of a workgroup of `ray_cast.wgsl`. units: px
+pub const WORKGROUP_PX: u32 = 8;
+/// Sides of the tiles that one beam stands for, coarse and fine, as in `beam.wgsl`. Boxes are drawn at the
+/// coarse tiles. units: px
+pub const BEAM_PX: [u32; 2] = [16, 4];
+
+/// What a camera holds for terrain.
+#[derive(Default)]
+pub struct ViewTerrain {
+    pub targets: Option<HitTargets>,
+    pub boxes: Option<BoxTargets>,
+    pub slots: HashMap<Entity, TerrainSlot>,
+    /// Terrains to draw this frame, in the order of their ids.
+    pub drawn: Vec<Entity>,
+    pub viewport: Option<Viewport>,
+    seen: bool,
+}
+
+/// Where rays write what they hit.
+pub struct HitTargets {
+    pub size: UVec2,
+    pub depth: Texture,
+    pub depth_view: TextureView,
+    pub surface: Texture,
+    pub surface_view: TextureView,
+    generation: u64,
+}
+
+/// Where boxes are drawn: one texel a pixel, or one a tile.
+pub struct BoxTargets {
+    pub size: UVec2,
+    pub entry_view: TextureView,
+    pub depth_view: TextureView,
+    generation: u64,
+}
+
+/// Every camera's terrain state.
+#[derive(Resource, Default)]
+pub struct TerrainViews {
+    pub views: HashMap<Entity, ViewTerrain>,
+    /// Stand-ins for what a traversal doesn't use.
+    unused: Option<Unused>,
+    generation: u64,
+}
+
+impl TerrainViews {
+    /// Bytes of all textures and buffers.
+    fn bytes(&self) -> u64 {
+        let pixels = |size: UVec2| u64::from(size.x) * u64::from(size.y);
+        self.views
+            .values()
+            .map(|view| {
+                let targets = view.targets.as_ref().map_or(0, |t| 8 * pixels(t.size));
+                let boxes = view.boxes.as_ref().map_or(0, |b| 8 * pixels(b.size));
+                let slots: u64 =
+                    view.slots
+                        .values()
+                        .map(|slot| {
+                            let lists = slot.lists.as_ref().map_or(0, |lists| {
+                                24 * u64::from(lists.capacity) + 3 * COUNT_BYTES
+                            });
+                            let tiles = slot
+                                .tile_start
+                                .as_ref()
+                                .map_or(0, |starts| starts.iter().map(|s| s.buffer.size()).sum());
+                            lists + tiles + 1024
+                        })
+                        .sum();
+                targets + boxes + slots
+            })
+            .sum()
+    }
+}
+
+/// Composes every camera's rays and makes sure of its textures and buffers.
+pub fn prepare_terrain_views(
+    mut terrain_views: ResMut<TerrainViews>,
+    extracted: Res<ExtractedTerrains>,
+    fields: Res<GpuHeightFields>,
+    stats: Res<TerrainStats>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    cameras: Query<(
+        &ExtractedView,
+        &ExtractedCamera,
+        Option<&TemporalJitter>,
+        Option<&MainPassResolutionOverride>,
+    )>,
+) {
+    let start = Instant::now();
+    let terrain_views = &mut *terrain_views;
+    for view in terrain_views.views.values_mut() {
+        view.seen = false;
+        view.drawn.clear();
+    }
+    let mut drawn = 0;
+    let mut boxes = (0, 0);
+    for (extracted_view, camera, jitter, resolution) in &cameras {
+        let main_entity = extracted_view.retained_view_entity.main_entity.id();
+        let Some(terrain_camera) = extracted.cameras.iter().find(|c| c.entity == main_entity)
+        else {
+            continue;
+        };
+        if extracted.terrains.is_empty() {
+            continue;
+        }
+        let Some(full_size) = camera.physical_viewport_size else {
+            continue;
+        };
+        let size_px = resolution.map_or(full_size, |size| size.0);
+        let mut clip_from_view = extracted_view.clip_from_view;
+        let unjittered = clip_from_view;
+        if let Some(jitter) = jitter {
+            jitter.jitter_projection(&mut clip_from_view, size_px.as_vec2());
+        }
+        let world_from_view = affine64(extracted_view.world_from_view.affine());
+        let clip_from_world = clip_from_world(unjittered, &extracted_view.world_from_view);
+
+        let mut view = terrain_views.views.remove(&main_entity).unwrap_or_default();
+        view.seen = true;
+        view.viewport = Viewport::from_viewport_and_override(camera.viewport.as_ref(), resolution);
+        let viewport_px = view
+            .viewport
+            .as_ref()
+            .map_or(Vec2::ZERO, |v| v.physical_position.as_vec2());
+        for slot in view.slots.values_mut() {
+            slot.seen = false;
+        }
+        for terrain in &extracted.terrains {
+            if !terrain.layers.intersects(&terrain_camera.layers) {
+                continue;
+            }
+            let Some(field) = fields.get(terrain.field) else {
+                continue;
+            };
+            // Out of view for now or not, the slot stays: only a terrain that is gone frees it.
+            let slot = view.slots.entry(terrain.entity).or_default();
+            slot.seen = true;
+            if !field.ready {
+                continue;
+            }
+            let rays = ViewRays::new(&ViewInputs {
+                clip_from_view,
+                grid_from_view: terrain.grid_from_local
+                    * terrain.world_from_local.inverse()
+                    * world_from_view,
+                size_px,
+                cells: terrain.cells,
+                height_range: terrain.height_range,
+                whole_heights: terrain.whole_heights,
+                max_error_px: terrain_camera.settings.max_error_px,
+            });
+            let Some(rays) = rays.filter(ViewRays::sees_terrain) else {
+                continue;
+            };
+            let in_air = extracted
+                .in_air
+                .get(&(main_entity, terrain.entity))
+                .copied()
+                .unwrap_or(false);
+            slot.field = Some(terrain.field);
+            slot.prepare(
+                &SlotInputs {
+                    terrain,
+                    field,
+                    rays: &rays,
+                    settings: &terrain_camera.settings,
+                    in_air,
+                    id: view.drawn.len() as u32 + 1,
+                    viewport_px,
+                    clip_from_world,
+                },
+                &device,
+                &queue,
+                &mut terrain_views.generation,
+            );
+            if let Some(lists) = &slot.lists {
+                boxes = (lists.readback.latest(), u64::from(lists.capacity));
+            }
+            view.drawn.push(terrain.entity);
+            drawn += 1;
+        }
+        view.slots.retain(|_, slot| slot.seen);
+        if !view.drawn.is_empty() {
+            view.prepare_targets(size_px, &device, &mut terrain_views.generation);
+        }
+        terrain_views.views.insert(main_entity, view);
+    }
+    terrain_views
+        .views
+        .retain(|_, view| view.seen && !view.slots.is_empty());
+    if terrain_views.views.is_empty() {
+        terrain_views.unused = None;
+    }
+    let mut counts = stats.lock();
+    counts.field_bytes = fields.bytes();
+    counts.view_bytes = terrain_views.bytes();
+    counts.views_drawn = drawn;
+    (counts.boxes, counts.box_capacity) = boxes;
+    counts.refused.clear();
+    counts.refused.extend(fields.refused.values().cloned());
+    counts.cpu_ms = start.elapsed().as_secs_f32() * 1e3;
+}
+
+impl ViewTerrain {
+    fn prepare_targets(&mut self, size: UVec2, device: &RenderDevice, generation: &mut u64) {
+        let texture = |label, size: UVec2, format, usage| {
+            device.create_texture(&TextureDescriptor {
+                label: Some(label),
+                size: Extent3d {
+                    width: size.x,
+                    height: size.y,
+                    depth_or_array_layers: 1,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: TextureDimension::D2,
+                format,
+                usage,
+                view_formats: &[],
+            })
+        };
+        if self
+            .targets
+            .as_ref()
+            .is_none_or(|targets| targets.size != size)
+        {
+            *generation += 1;
+            let usage = TextureUsages::STORAGE_BINDING
+                | TextureUsages::TEXTURE_BINDING
+                | TextureUsages::COPY_SRC;
+            let depth = texture("skyline_hit_depth", size, TextureFormat::R32Float, usage);
+            let surface = texture("skyline_hit_surface", size, TextureFormat::R32Uint, usage);
+            self.targets = Some(HitTargets {
+                size,
+                depth_view: depth.create_view(&default()),
+                surface_view: surface.create_view(&default()),
+                depth,
+                surface,
+                generation: *generation,
+            });
+        }
+        let traversals = |traversal| {
+            self.drawn.iter().any(|e| {
+                self.slots
+                    .get(e)
+                    .is_some_and(|slot| slot.traversal == traversal)
+            })
+        };
+        let box_size = if traversals(Traversal::Boxes) {
+            Some(size)
+        } else if traversals(Traversal::Hybrid) {
+            Some(size.map(|n| n.div_ceil(BEAM_PX[0])))
+        } else {
+            None
+        };
+        match box_size {
+            None => self.boxes = None,
+            Some(size) if self.boxes.as_ref().is_none_or(|boxes| boxes.size != size) => {
+                *generation += 1;
+                let entry = texture(
+                    "skyline_box_entry",
+                    size,
+                    BOX_ENTRY_FORMAT,
+                    TextureUsages::RENDER_ATTACHMENT
+                        | TextureUsages::TEXTURE_BINDING
+                        | TextureUsages::COPY_SRC,
+                );
+                let depth = texture(
+                    "skyline_box_depth",
+                    size,
+                    BOX_DEPTH_FORMAT,
+                    TextureUsages::RENDER_ATTACHMENT,
+                );
+                self.boxes = Some(BoxTargets {
+                    size,
+                    entry_view: entry.create_view(&default()),
+                    depth_view: depth.create_view(&default()),
+                    generation: *generation,
+                });
+            }
+            Some(_) => {}
+        }
+    }
+}
