@@ -56,23 +56,23 @@ fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) 
     let t_footprint = footprint_t(ray);
     let t_stop = min(min(view.t_far, t_footprint.y), t_of_depth(nearest));
     var t_start = max(t_footprint.x, 0.0);
-    var levels = Levels(0u, 0u, false);
+    var levels = Levels(0u, 0u, false, false);
     var starts = true;
     if view.traversal == TRAVERSAL_HYBRID {
         let tiles_x = (view.size_px.x + BEAM_PX - 1u) / BEAM_PX;
         let start = tile_start[(id.y / BEAM_PX) * tiles_x + id.x / BEAM_PX];
         starts = starts && start.t >= 0.0;
-        levels = Levels(max(start.level_reads & 0xffu, 2u) - 1u, view.levels, false);
+        levels = Levels(max(start.level_reads & 0xffu, 2u) - 1u, view.levels, false, false);
         t_start = max(t_start, start.t);
     } else if view.traversal == TRAVERSAL_MAX_MIP {
-        levels = Levels(view.levels, view.levels, false);
+        levels = Levels(view.levels, view.levels, false, false);
     } else if view.traversal == TRAVERSAL_BOXES && (view.flags & FLAG_STARTS_IN_AIR) != 0u && box_counts[BOX_COUNT] <= view.box_capacity {
         let entry = textureLoad(box_entry, id.xy, 0).x;
         starts = starts && entry >= 0.0;
         t_start = max(t_start, entry);
         if view.lod_a + view.lod_b * t_start > 0.0 {
             let level = pixel_level(t_start);
-            levels = Levels(level, level, true);
+            levels = Levels(level, level, true, false);
         }
     }
 
@@ -91,6 +91,7 @@ fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) 
             reads += air.reads;
             hit_t = air.falls_t;
             t_start = air.t;
+            levels.exact = true;
         }
         if hit_t == T_NEVER && t_start < t_stop {
             let hit = cast_ray(ray, t_start, t_stop, levels);

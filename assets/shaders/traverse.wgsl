@@ -25,6 +25,9 @@ struct Levels {
     highest: u32,
     /// Follow the level whose cells span a pixel at t, no higher.
     follow_pixel: bool,
+    /// No node may stand for its surface: for rays that have just come out of the ground, where the middle of
+    /// a node may still be above them.
+    exact: bool,
 };
 
 /// The level whose nodes span about `max_error_px` pixels at t.
@@ -92,7 +95,7 @@ fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
                 continue;
             }
             // Near enough to its surface to matter. May its middle height stand for it?
-            let allowed = view.lod_a + view.lod_b * place.t;
+            let allowed = select(view.lod_a + view.lod_b * place.t, 0.0, levels.exact);
             if allowed <= 0.0 || range.x - range.y > 2.0 * allowed {
                 place.k -= 1u;
                 continue;

@@ -84,7 +84,9 @@ pub fn report_terrain(
     });
     activity.what.clear();
     // Writing to a string cannot fail.
-    let _ = write!(activity.what, "{} views ray cast", counts.views_drawn);
+    let views = counts.views_drawn;
+    let s = if views == 1 { "" } else { "s" };
+    let _ = write!(activity.what, "{views} view{s} ray cast");
     if counts.box_capacity > 0 {
         let _ = write!(activity.what, ", {} boxes", counts.boxes);
         if counts.boxes > counts.box_capacity {

@@ -886,6 +886,52 @@ fn the_allowed_error_is_kept() {
     );
 }
 
+#[test]
+fn from_inside_the_ground_the_picture_is_exact_whatever_error_is_allowed() {
+    let Some((mut offline, _)) = with_terrain(hills()) else {
+        return;
+    };
+    let place =
+        Transform::from_xyz(200.0, -30.0, 380.0).looking_at(Vec3::new(200.0, 25.0, 200.0), Vec3::Y);
+    let (camera, _) = add_camera(&mut offline, (Msaa::Off, place));
+    let exact = cast_with(&mut offline, camera, Traversal::PerTexel, 0.0);
+    let seen = exact.terrain_px();
+    assert!(seen > 50, "only {seen} rays fall again after coming out");
+    for traversal in [Traversal::Hybrid, Traversal::MaxMip, Traversal::Boxes] {
+        let image = cast_with(&mut offline, camera, traversal, 4.0);
+        assert_eq!(image.ndc_depth, exact.ndc_depth, "{traversal:?}");
+    }
+}
+
+#[test]
+fn a_flat_field_is_one_colour() {
+    let Some((mut offline, terrain)) = with_terrain(flat(20.0)) else {
+        return;
+    };
+    offline
+        .app
+        .world_mut()
+        .get_mut::<Terrain>(terrain)
+        .unwrap()
+        .look = TerrainLook::default();
+    let (camera, target) = add_camera(
+        &mut offline,
+        (
+            Msaa::Off,
+            Transform::from_xyz(160.0, 90.0, 160.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
+        ),
+    );
+    hits(&mut offline, camera);
+    offline.step();
+    let picture = offline.picture(&target).unwrap();
+    let middle = *picture.get_pixel(48, 32);
+    let unlike = picture
+        .pixels()
+        .filter(|pixel| (0..3).any(|i| pixel[i].abs_diff(middle[i]) > 12))
+        .count();
+    assert_eq!(unlike, 0, "a flat field has more than one colour");
+}
+
 fn cast_with(
     offline: &mut Offline,
     camera: Entity,

@@ -82,7 +82,8 @@ pub(super) fn gpu_look(look: &TerrainLook, (lowest, highest): (f64, f64)) -> Gpu
             edges,
             blend,
         } => {
-            let span = (highest - lowest).max(1e-9);
+            // A flat field is all one band, whatever rounding does to its height.
+            let span = (highest - lowest).max(1e-5 * lowest.abs().max(1.0));
             let at = |share: f32| (lowest + f64::from(share) * span) as f32;
             (
                 colours.map(linear),
