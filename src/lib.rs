@@ -24,7 +24,7 @@
 //! | [`terrain`] | the height field, its component, its loaders and its CPU queries |
 //! | [`systems`] | main-world systems |
 //! | [`render_graph`] | the passes and their order |
-//! | [`reference`] | `f64` twins that GPU results are compared with |
+//! | [`mod@reference`] | `f64` twins that GPU results are compared with |
 //! | `assets/shaders/` | one WGSL file a pass; `types.wgsl` first |
 //!
 //! # The papers

@@ -3,7 +3,7 @@
 //! | Plugin | Components | Main world | Render world |
 //! |---|---|---|---|
 //! | [`EffectsPlugin`] | – | the [`Effects`] resource | – |
-//! | [`TerrainPlugin`] | [`Terrain`](crate::terrain::Terrain), [`TerrainRayCasting`](crate::terrain::TerrainRayCasting) | `report_terrain` in `Last` | see [`render_graph`](crate::render_graph) |
+//! | [`TerrainPlugin`] | [`Terrain`](crate::terrain::Terrain), [`TerrainRayCasting`](crate::terrain::TerrainRayCasting) | `report_terrain` in `Last` | see [`render_graph`] |
 //!
 //! A feature whose component is nowhere in the scene costs its systems' empty queries and nothing else: no
 //! pipeline, no GPU memory, no pass.

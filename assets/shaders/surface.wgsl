@@ -2,7 +2,7 @@
 #define_import_path bevy_skyline::surface
 
 #import bevy_skyline::height_field::{sample_height, view}
-#import bevy_skyline::rays::{Ray, height_of, ray_at, t_of_depth}
+#import bevy_skyline::rays::{ray_at, t_of_depth}
 
 struct Surface {
     /// units: grid, relative to the anchor
@@ -12,10 +12,6 @@ struct Surface {
     /// On a wall: its outward direction along x or z, else zero.
     wall: vec2<f32>,
 };
-
-fn clamped_height(at: vec2<i32>) -> f32 {
-    return sample_height(clamp(at, vec2(0), view.cells));
-}
 
 /// Slope at a sample by central differences over `stride` cells either way, one-sided at the border.
 fn slope_at(at: vec2<i32>, stride: i32) -> vec2<f32> {
@@ -68,4 +64,10 @@ fn surface_at(viewport_pixel: vec2<f32>, depth: f32) -> Surface {
         }
     }
     return surface;
+}
+
+/// The way a surface faces, not of unit length. units: grid
+fn facing(surface: Surface) -> vec3<f32> {
+    let up = vec3(-surface.slope.x, 1.0, -surface.slope.y);
+    return select(up, vec3(surface.wall.x, 0.0, surface.wall.y), any(surface.wall != vec2(0.0)));
 }

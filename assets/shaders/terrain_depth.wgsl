@@ -5,13 +5,7 @@
 
 #import bevy_skyline::height_field::view
 #import bevy_skyline::placement::Placement
-#ifdef NORMAL_PREPASS
-#import bevy_skyline::surface::surface_at
-#else
-#ifdef MOTION_VECTOR_PREPASS
-#import bevy_skyline::surface::surface_at
-#endif
-#endif
+#import bevy_skyline::surface::{facing, surface_at}
 
 @group(1) @binding(0) var hit_depth: texture_2d<f32>;
 @group(1) @binding(1) var hit_surface: texture_2d<u32>;
@@ -43,12 +37,8 @@ fn fragment(@builtin(position) position: vec4<f32>) -> Out {
     var out: Out;
     out.depth = depth;
 #ifdef NORMAL_PREPASS
-    let surface_n = surface_at(vec2<f32>(pixel) + 0.5, depth);
-    var up = vec3(-surface_n.slope.x, 1.0, -surface_n.slope.y);
-    if any(surface_n.wall != vec2(0.0)) {
-        up = vec3(surface_n.wall.x, 0.0, surface_n.wall.y);
-    }
-    out.normal = vec4(normalize(placement.normal_from_grid * up) * 0.5 + vec3(0.5), 1.0);
+    let normal = placement.normal_from_grid * facing(surface_at(vec2<f32>(pixel) + 0.5, depth));
+    out.normal = vec4(normalize(normal) * 0.5 + vec3(0.5), 1.0);
 #endif
 #ifdef MOTION_VECTOR_PREPASS
     let at = vec4(surface_at(vec2<f32>(pixel) + 0.5, depth).position, 1.0);

@@ -13,7 +13,7 @@
 #import bevy_pbr::ssao_utils::ssao_multibounce
 #endif
 #import bevy_skyline::height_field::view
-#import bevy_skyline::surface::surface_at
+#import bevy_skyline::surface::{facing, surface_at}
 #import bevy_skyline::placement::Placement
 
 /// Mirrors `GpuTerrainLook`.
@@ -65,11 +65,7 @@ fn fragment(@builtin(position) position: vec4<f32>) -> Out {
         discard;
     }
     let surface = surface_at(vec2<f32>(pixel) + 0.5, depth);
-    var up = vec3(-surface.slope.x, 1.0, -surface.slope.y);
-    if any(surface.wall != vec2(0.0)) {
-        up = vec3(surface.wall.x, 0.0, surface.wall.y);
-    }
-    let normal = normalize(placement.normal_from_grid * up);
+    let normal = normalize(placement.normal_from_grid * facing(surface));
     let world = placement.world_from_grid * vec4(surface.position, 1.0);
 
     var input = pbr_input_new();

@@ -5,7 +5,10 @@ pub mod glyphs;
 pub mod plot;
 pub mod render;
 
-use std::time::Duration;
+use std::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
+};
 
 use bevy::{
     app::PluginsState,
@@ -133,9 +136,10 @@ impl HitImage {
 }
 
 /// The plugins of a headless app: everything Bevy renders with, no window, pipelines compiled before their
-/// first frame, steps taken by hand.
+/// first frame, steps taken by hand. A process has one log, which its first app sets up.
 pub fn headless_plugins() -> impl PluginGroup {
-    DefaultPlugins
+    static LOGS: AtomicBool = AtomicBool::new(false);
+    let plugins = DefaultPlugins
         .set(WindowPlugin {
             primary_window: None,
             exit_condition: ExitCondition::DontExit,
@@ -155,23 +159,13 @@ pub fn headless_plugins() -> impl PluginGroup {
             unapproved_path_mode: UnapprovedPathMode::Allow,
             ..default()
         })
-        .disable_winit()
-        .disable::<PipelinedRenderingPlugin>()
-}
-
-trait DisableWinit {
-    fn disable_winit(self) -> bevy::app::PluginGroupBuilder;
-}
-
-impl<G: PluginGroup> DisableWinit for G {
+        .disable::<PipelinedRenderingPlugin>();
     #[cfg(feature = "window")]
-    fn disable_winit(self) -> bevy::app::PluginGroupBuilder {
-        self.build().disable::<bevy::winit::WinitPlugin>()
-    }
-
-    #[cfg(not(feature = "window"))]
-    fn disable_winit(self) -> bevy::app::PluginGroupBuilder {
-        self.build()
+    let plugins = plugins.disable::<bevy::winit::WinitPlugin>();
+    if LOGS.swap(true, Ordering::Relaxed) {
+        plugins.disable::<LogPlugin>()
+    } else {
+        plugins
     }
 }
 

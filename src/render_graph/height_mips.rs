@@ -5,7 +5,7 @@
 //!
 //! # Inputs / outputs
 //! Heights: one texture of W×H samples, `R16Uint` or `R32Float`. Pyramid: one storage buffer laid out as
-//! [`MinMaxPyramid`](crate::terrain::MinMaxPyramid), 4 or 8 bytes a node. For 16-bit input that is
+//! [`MinMaxPyramid`], 4 or 8 bytes a node. For 16-bit input that is
 //! 2 + 4/3 bytes a sample, everything included.
 //!
 //! # Reference

@@ -133,7 +133,7 @@ impl Default for TerrainRayCasting {
     fn default() -> Self {
         Self {
             traversal: Traversal::default(),
-            box_texels: 16,
+            box_texels: 64,
             max_error_px: 0.5,
         }
     }

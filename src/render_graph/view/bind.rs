@@ -55,7 +55,7 @@ pub(super) struct Unused {
     nearest: Sampler,
 }
 
-/// Binds what [`prepare_terrain_views`] prepared, where it is not bound already, and queues the pipelines.
+/// Binds what `prepare_terrain_views` prepared, where it is not bound already, and queues the pipelines.
 #[expect(clippy::too_many_arguments, reason = "a system asks for what it needs")]
 pub fn prepare_terrain_bind_groups(
     mut terrain_views: ResMut<TerrainViews>,
