@@ -166,7 +166,7 @@ fn the_real_elevation_model_agrees_with_the_twin() {
     let Some(mut offline) = crate::device() else {
         return;
     };
-    let Some(field) = elevation_model("taiwan_central_range_1024") else {
+    let Some(field) = elevation_model("taiwan_central_range_4096") else {
         return;
     };
     let mut total = Tally::default();
@@ -199,7 +199,7 @@ fn the_real_elevation_model_agrees_with_the_twin() {
             clip_from_view: projection.get_clip_from_view(),
             size_px,
         };
-        for (traversal, box_texels) in [(Traversal::MaxMip, 16), (Traversal::Hybrid, 16)] {
+        for (traversal, box_texels) in TRAVERSALS {
             let image = draw(&mut offline, &scene, exact(traversal, box_texels));
             total.merge(judge(&scene.field, &scene.rays(), &image));
         }
