@@ -110,7 +110,13 @@ struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = TerrainRayCasting::default().box_texels, allow_hyphen_values = true)]
     box_texels: u32,
     /// How far the picture may be from the exact surface, in pixels; 0 is exact.
-    #[arg(long, value_name = "E", default_value_t = TerrainRayCasting::default().max_error_px, allow_hyphen_values = true)]
+    // A picture made once can take its time: exact, unless less is asked for.
+    #[arg(
+        long,
+        value_name = "E",
+        default_value_t = 0.0,
+        allow_hyphen_values = true
+    )]
     max_error_px: f32,
     /// The picture to write.
     #[arg(long, value_name = "P.png")]
