@@ -1,7 +1,6 @@
 // The list of boxes that `subdivide` leaves for `box_entry`, and how a box is named.
 #define_import_path bevy_skyline::boxes
 
-#import bevy_skyline::types::TerrainView
 #import bevy_skyline::height_field::{view, node_range}
 
 /// A node of the pyramid: x = i | j << 16, y = level.
@@ -15,7 +14,7 @@ const BASEMENT: u32 = 31u;
 /// `counts` holds four words a pass, (workgroups, 1, 1, nodes), then the arguments of the boxes' draw:
 /// (vertices, boxes, 0, 0).
 const MAX_PASSES: u32 = 20u;
-const BOX_COUNT: u32 = 81u;
+const BOX_COUNT: u32 = 4u * MAX_PASSES + 1u;
 
 fn box_node(box: Box) -> vec2<i32> {
     return vec2<i32>(vec2(box.ij & 0xffffu, box.ij >> 16u));

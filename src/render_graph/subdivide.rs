@@ -21,7 +21,7 @@ const COUNT_WORDS: usize = 4 * MAX_PASSES as usize + 4;
 /// Where in the counts the draw's arguments begin. units: bytes
 pub const DRAW_OFFSET: u64 = 4 * 4 * MAX_PASSES as u64;
 /// Word of the counts that holds the number of boxes.
-pub const BOX_COUNT_WORD: u64 = 81;
+pub const BOX_COUNT_WORD: u64 = 4 * MAX_PASSES as u64 + 1;
 /// Size of the counts. units: bytes
 pub const COUNT_BYTES: u64 = 4 * COUNT_WORDS as u64;
 
