@@ -41,6 +41,7 @@ pub mod reference;
 pub mod render_graph;
 pub mod systems;
 pub mod terrain;
+pub mod terrain_shadow;
 
 /// What an app usually needs.
 pub mod prelude {
