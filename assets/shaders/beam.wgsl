@@ -11,9 +11,10 @@
 //      t < 0 where no ray of the tile can hit.
 
 #import bevy_skyline::boxes::BOX_COUNT
-#import bevy_skyline::height_field::{level_size, node_range, view}
-#import bevy_skyline::rays::{Ray, height_guard, height_of, ray_at}
+#import bevy_skyline::height_field::{field, level_size, node_range}
+#import bevy_skyline::rays::{height_guard, height_of}
 #import bevy_skyline::types::{FLAG_STARTS_IN_AIR, T_NEVER, UNIT_ROUNDOFF}
+#import bevy_skyline::view_rays::{ray_at, view}
 
 struct TileStart {
     t: f32,
@@ -43,7 +44,7 @@ fn half_width(t: f32) -> vec3<f32> {
 /// The smallest level at which 2 x 2 nodes can hold a box of this half width.
 fn level_for(half: vec3<f32>) -> u32 {
     let across = 2.0 * max(half.x, half.z);
-    return u32(clamp(floor(log2(max(across, 0.5))) + 1.0, 1.0, f32(view.levels)));
+    return u32(clamp(floor(log2(max(across, 0.5))) + 1.0, 1.0, f32(field.levels)));
 }
 
 @compute @workgroup_size(8, 8, 1)
@@ -54,11 +55,11 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let index = id.y * tiles.x + id.x;
     if (view.flags & FLAG_STARTS_IN_AIR) == 0u {
-        tile_start[index] = TileStart(0.0, view.levels);
+        tile_start[index] = TileStart(0.0, field.levels);
         return;
     }
     var t = 0.0;
-    var k = view.levels;
+    var k = field.levels;
 #ifdef FINE
     let coarse_tiles = (view.size_px + COARSE_PX - 1u) / COARSE_PX;
     let coarse = id.xy * TILE_PX / COARSE_PX;
@@ -75,7 +76,7 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
         tile_start[index] = TileStart(-1.0, 0u);
         return;
     }
-    k = min(k, view.levels);
+    k = min(k, field.levels);
     let ray = ray_at(f32(TILE_PX) * (vec2<f32>(id.xy) + 0.5));
     let spread = f32(TILE_PX) * view.beam_b;
     var reads = 0u;
@@ -91,7 +92,7 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
         let a = vec2<i32>(floor((middle - rim) / unit));
         let b = vec2<i32>(floor((middle + rim) / unit));
         if any(b > a + 1) {
-            if k >= view.levels { break; }
+            if k >= field.levels { break; }
             k += 1u;
             continue;
         }
@@ -112,8 +113,8 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
             let high = clamp(b, vec2(0), size - 1);
             reads += 4u;
             highest = max(
-                max(node_range(k, low).x, node_range(k, vec2(high.x, low.y)).x),
-                max(node_range(k, vec2(low.x, high.y)).x, node_range(k, high).x),
+                max(node_range(k, low, view.anchor_y).x, node_range(k, vec2(high.x, low.y), view.anchor_y).x),
+                max(node_range(k, vec2(low.x, high.y), view.anchor_y).x, node_range(k, high, view.anchor_y).x),
             );
         }
         let t_end = min(t_leave, view.t_far);
@@ -133,7 +134,7 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
                 break;
             }
             let gone = select(
-                middle - half.xz > vec2<f32>(view.cells) & (back >= vec2(0.0)),
+                middle - half.xz > vec2<f32>(field.cells) & (back >= vec2(0.0)),
                 middle + half.xz < vec2(0.0) & (front <= vec2(0.0)),
                 ray.direction.xz < vec2(0.0),
             );
@@ -142,7 +143,7 @@ fn beam(@builtin(global_invocation_id) id: vec3<u32>) {
                 break;
             }
             t = t_leave;
-            k = min(k + 1u, view.levels);
+            k = min(k + 1u, field.levels);
         } else {
             if k <= smallest { break; }
             k -= 1u;

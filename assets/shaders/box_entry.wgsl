@@ -9,9 +9,8 @@
 // P1 section 3.3.
 
 #import bevy_skyline::boxes::{BASEMENT, Box, Bounds, box_bounds}
-#import bevy_skyline::height_field::view
-#import bevy_skyline::rays::{Ray, ray_at}
 #import bevy_skyline::types::{FLAG_MIRRORED, T_NEVER}
+#import bevy_skyline::view_rays::{ray_at, view}
 
 @group(1) @binding(0) var<storage, read> boxes: array<Box>;
 

@@ -1,7 +1,8 @@
 // The list of boxes that `subdivide` leaves for `box_entry`, and how a box is named.
 #define_import_path bevy_skyline::boxes
 
-#import bevy_skyline::height_field::{view, node_range}
+#import bevy_skyline::height_field::{field, node_range}
+#import bevy_skyline::view_rays::view
 
 /// A node of the pyramid: x = i | j << 16, y = level.
 struct Box {
@@ -30,14 +31,14 @@ fn box_bounds(box: Box) -> Bounds {
     var bounds: Bounds;
     if box.level == BASEMENT {
         let low = vec2<f32>(-view.anchor);
-        let high = vec2<f32>(view.cells - view.anchor);
+        let high = vec2<f32>(field.cells - view.anchor);
         return Bounds(vec3(low.x, -1e12, low.y), vec3(high.x, view.y_min, high.y));
     }
     let node = box_node(box);
     let low = node << vec2(box.level);
-    let high = min((node + 1) << vec2(box.level), view.cells);
-    let range = node_range(box.level, node);
-    let at_border = any(low == vec2(0)) || any(high == view.cells);
+    let high = min((node + 1) << vec2(box.level), field.cells);
+    let range = node_range(box.level, node, view.anchor_y);
+    let at_border = any(low == vec2(0)) || any(high == field.cells);
     let a = vec2<f32>(low - view.anchor);
     let b = vec2<f32>(high - view.anchor);
     return Bounds(

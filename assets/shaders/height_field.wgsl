@@ -1,9 +1,9 @@
 // Reading a height field: samples from the texture, nodes from the pyramid.
 #define_import_path bevy_skyline::height_field
 
-#import bevy_skyline::types::TerrainView
+#import bevy_skyline::types::Field
 
-@group(#{FIELD_GROUP}) @binding(0) var<uniform> view: TerrainView;
+@group(#{FIELD_GROUP}) @binding(0) var<uniform> field: Field;
 #ifdef HEIGHT_F32
 @group(#{FIELD_GROUP}) @binding(1) var heights: texture_2d<f32>;
 @group(#{FIELD_GROUP}) @binding(2) var<storage, read> pyramid: array<vec2<f32>>;
@@ -15,32 +15,32 @@
 
 /// Nodes of level k along x and z.
 fn level_size(k: u32) -> vec2<i32> {
-    return (view.cells + vec2(i32((1u << k) - 1u))) >> vec2(k);
+    return (field.cells + vec2(i32((1u << k) - 1u))) >> vec2(k);
 }
 
 fn level_offset(k: u32) -> u32 {
-    return view.level_offset[k >> 2u][k & 3u];
+    return field.level_offset[k >> 2u][k & 3u];
 }
 
-/// Highest (x) and lowest (y) sample of a node of level k >= 1, relative to the anchor.
-fn node_range(k: u32, node: vec2<i32>) -> vec2<f32> {
+/// Highest (x) and lowest (y) sample of a node of level k >= 1, relative to the height `base`.
+fn node_range(k: u32, node: vec2<i32>, base: f32) -> vec2<f32> {
     let index = level_offset(k) + u32(node.y * level_size(k).x + node.x);
 #ifdef HEIGHT_F32
-    return pyramid[index] - view.anchor_y;
+    return pyramid[index] - base;
 #else
     let packed = pyramid[index];
-    return vec2(f32(packed >> 16u), f32(packed & 0xffffu)) - view.anchor_y;
+    return vec2(f32(packed >> 16u), f32(packed & 0xffffu)) - base;
 #endif
 }
 
-/// Sample (i, j), relative to the anchor.
-fn sample_height(at: vec2<i32>) -> f32 {
-    return f32(textureLoad(heights, at, 0).x) - view.anchor_y;
+/// Sample (i, j), relative to the height `base`.
+fn sample_height(at: vec2<i32>, base: f32) -> f32 {
+    return f32(textureLoad(heights, at, 0).x) - base;
 }
 
-/// Heights of a cell's corners (i,j), (i+1,j), (i,j+1), (i+1,j+1), relative to the anchor. One gather around the
+/// Heights of a cell's corners (i,j), (i+1,j), (i,j+1), (i+1,j+1), relative to `base`. One gather around the
 /// point where the four texels meet, half a texel from choosing others.
-fn cell_corners(cell: vec2<i32>) -> vec4<f32> {
-    let at = vec2<f32>(cell + 1) / vec2<f32>(view.cells + 1);
-    return vec4<f32>(textureGather(0, heights, heights_sampler, at).wzxy) - view.anchor_y;
+fn cell_corners(cell: vec2<i32>, base: f32) -> vec4<f32> {
+    let at = vec2<f32>(cell + 1) / vec2<f32>(field.cells + 1);
+    return vec4<f32>(textureGather(0, heights, heights_sampler, at).wzxy) - base;
 }

@@ -9,10 +9,11 @@
 #import bevy_skyline::types::{
     FLAG_FIRST, FLAG_STARTS_IN_AIR, T_NEVER, TRAVERSAL_BOXES, TRAVERSAL_HYBRID, TRAVERSAL_MAX_MIP,
 }
-#import bevy_skyline::height_field::{view, cell_corners}
-#import bevy_skyline::rays::{above_cell, cell_at, footprint_t, ndc_depth, ray_at, t_of_depth}
+#import bevy_skyline::height_field::{cell_corners, field}
+#import bevy_skyline::rays::{above_cell, cell_at, footprint_t}
 #import bevy_skyline::boxes::BOX_COUNT
 #import bevy_skyline::traverse::{Levels, cast_ray, emerge, pixel_level}
+#import bevy_skyline::view_rays::{ndc_depth, ray_at, t_of_depth, view}
 
 /// Side of the tiles that the finer beams stand for. units: px
 const BEAM_PX: u32 = 4u;
@@ -62,10 +63,10 @@ fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) 
         let tiles_x = (view.size_px.x + BEAM_PX - 1u) / BEAM_PX;
         let start = tile_start[(id.y / BEAM_PX) * tiles_x + id.x / BEAM_PX];
         starts = starts && start.t >= 0.0;
-        levels = Levels(max(start.level_reads & 0xffu, 2u) - 1u, view.levels, false, false);
+        levels = Levels(max(start.level_reads & 0xffu, 2u) - 1u, field.levels, false, false);
         t_start = max(t_start, start.t);
     } else if view.traversal == TRAVERSAL_MAX_MIP {
-        levels = Levels(view.levels, view.levels, false, false);
+        levels = Levels(field.levels, field.levels, false, false);
     } else if view.traversal == TRAVERSAL_BOXES && (view.flags & FLAG_STARTS_IN_AIR) != 0u && box_counts[BOX_COUNT] <= view.box_capacity {
         let entry = textureLoad(box_entry, id.xy, 0).x;
         starts = starts && entry >= 0.0;
@@ -84,7 +85,7 @@ fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) 
         if (view.flags & FLAG_STARTS_IN_AIR) == 0u && t_footprint.x < 0.0 {
             let cell = cell_at(ray, 0.0);
             reads += 1u;
-            inside = above_cell(ray, cell, cell_corners(cell)).c <= 0.0;
+            inside = above_cell(ray, cell, cell_corners(cell, view.anchor_y)).c <= 0.0;
         }
         if inside {
             let air = emerge(ray, t_stop);

@@ -6,8 +6,9 @@
 #define_import_path bevy_skyline::rays
 
 #import bevy_skyline::types::{T_NEVER, UNIT_ROUNDOFF}
-#import bevy_skyline::height_field::view
+#import bevy_skyline::height_field::field
 
+/// In grid space, relative to its anchor.
 struct Ray {
     origin: vec3<f32>,
     direction: vec3<f32>,
@@ -17,18 +18,23 @@ struct Ray {
     moves: vec2<bool>,
     /// 1 where it moves toward larger x and z, else 0.
     ahead: vec2<i32>,
+    anchor: vec2<i32>,
+    /// Height of the anchor, not relative to anything.
+    anchor_y: f32,
+    /// Highest sample, relative to the anchor.
+    y_max: f32,
+    /// Largest magnitude of a sample's height, relative to the anchor; scales the guard bands.
+    y_magnitude: f32,
 };
 
-/// The ray through a point of the viewport, in pixels from its top left corner.
-fn ray_at(pixel: vec2<f32>) -> Ray {
-    let q = pixel - 0.5 * vec2<f32>(view.size_px);
+/// A ray as the functions below want it.
+fn ray_along(origin: vec3<f32>, direction: vec3<f32>) -> Ray {
     var ray: Ray;
-    ray.origin = view.origin + q.x * view.origin_dx + q.y * view.origin_dy;
-    ray.direction = view.direction + q.x * view.direction_dx + q.y * view.direction_dy;
-    let d = ray.direction.xz;
-    ray.moves = abs(d) > vec2(1e-15);
-    ray.inverse = 1.0 / select(vec2(1.0), d, ray.moves);
-    ray.ahead = select(vec2(0), vec2(1), d >= vec2(0.0));
+    ray.origin = origin;
+    ray.direction = direction;
+    ray.moves = abs(direction.xz) > vec2(1e-15);
+    ray.inverse = 1.0 / select(vec2(1.0), direction.xz, ray.moves);
+    ray.ahead = select(vec2(0), vec2(1), direction.xz >= vec2(0.0));
     return ray;
 }
 
@@ -38,31 +44,31 @@ fn height_of(ray: Ray, t: f32) -> f32 {
 
 /// When the ray meets the grid lines x = at.x and z = at.y (whole cells).
 fn border_t(ray: Ray, at: vec2<i32>) -> vec2<f32> {
-    let t = (vec2<f32>(at - view.anchor) - ray.origin.xz) * ray.inverse;
+    let t = (vec2<f32>(at - ray.anchor) - ray.origin.xz) * ray.inverse;
     return select(vec2(T_NEVER), min(t, vec2(T_NEVER)), ray.moves);
 }
 
 /// When the ray comes into the footprint (x), by the border it enters last, and leaves it (y). The first is
 /// negative if it starts within; both are `T_NEVER` if it passes by.
 fn footprint_t(ray: Ray) -> vec2<f32> {
-    let enter = select(border_t(ray, select(view.cells, vec2(0), ray.ahead == vec2(1))), vec2(-1.0), !ray.moves);
-    let leave = border_t(ray, select(vec2(0), view.cells, ray.ahead == vec2(1)));
-    let start = ray.origin.xz + vec2<f32>(view.anchor);
-    let beside = any(!ray.moves & ((start < vec2(0.0)) | (start > vec2<f32>(view.cells))));
+    let enter = select(border_t(ray, select(field.cells, vec2(0), ray.ahead == vec2(1))), vec2(-1.0), !ray.moves);
+    let leave = border_t(ray, select(vec2(0), field.cells, ray.ahead == vec2(1)));
+    let start = ray.origin.xz + vec2<f32>(ray.anchor);
+    let beside = any(!ray.moves & ((start < vec2(0.0)) | (start > vec2<f32>(field.cells))));
     let t = vec2(max(enter.x, enter.y), min(leave.x, leave.y));
     return select(t, vec2(T_NEVER), beside || t.x > t.y || t.y < 0.0);
 }
 
 /// The cell at t along one axis: the one that was entered at or before t and is left after t.
 fn cell_at(ray: Ray, t: f32) -> vec2<i32> {
-    let guess = vec2<i32>(floor(ray.origin.xz + t * ray.direction.xz)) + view.anchor;
-    var cell = clamp(guess, vec2(0), view.cells - 1);
+    let guess = vec2<i32>(floor(ray.origin.xz + t * ray.direction.xz)) + ray.anchor;
+    var cell = clamp(guess, vec2(0), field.cells - 1);
     let entered = border_t(ray, cell + 1 - ray.ahead);
     let left = border_t(ray, cell + ray.ahead);
     let way = 2 * ray.ahead - 1;
     cell += select(vec2(0), way, ray.moves & (left <= vec2(t)));
     cell -= select(vec2(0), way, ray.moves & (entered > vec2(t)));
-    return clamp(cell, vec2(0), view.cells - 1);
+    return clamp(cell, vec2(0), field.cells - 1);
 }
 
 /// The cell after the ray has left, at time `t`, the node of level `k` that holds `cell`, where `leave`
@@ -77,7 +83,7 @@ fn next_cell(ray: Ray, cell: vec2<i32>, k: u32, leave: vec2<f32>) -> vec2<i32> {
         var z = cell.y;
         if k > 0u && ray.moves.y {
             let t = leave.x;
-            z = clamp(i32(floor(ray.origin.z + t * ray.direction.z)) + view.anchor.y, low.y, high.y);
+            z = clamp(i32(floor(ray.origin.z + t * ray.direction.z)) + ray.anchor.y, low.y, high.y);
             let entered = border_t(ray, vec2(0, z + 1 - ray.ahead.y)).y;
             let left = border_t(ray, vec2(0, z + ray.ahead.y)).y;
             z = clamp(z + select(0, way.y, left < t) - select(0, way.y, entered >= t), low.y, high.y);
@@ -87,7 +93,7 @@ fn next_cell(ray: Ray, cell: vec2<i32>, k: u32, leave: vec2<f32>) -> vec2<i32> {
     var x = cell.x;
     if k > 0u && ray.moves.x {
         let t = leave.y;
-        x = clamp(i32(floor(ray.origin.x + t * ray.direction.x)) + view.anchor.x, low.x, high.x);
+        x = clamp(i32(floor(ray.origin.x + t * ray.direction.x)) + ray.anchor.x, low.x, high.x);
         let entered = border_t(ray, vec2(x + 1 - ray.ahead.x, 0)).x;
         let left = border_t(ray, vec2(x + ray.ahead.x, 0)).x;
         x = clamp(x + select(0, way.x, left <= t) - select(0, way.x, entered > t), low.x, high.x);
@@ -111,7 +117,7 @@ fn above_cell(ray: Ray, cell: vec2<i32>, corners: vec4<f32>) -> Above {
     let entered = select(vec2(0.0), border_t(ray, cell + 1 - ray.ahead), ray.moves);
     let left = border_t(ray, cell + ray.ahead);
     let t_in = max(max(entered.x, entered.y), 0.0);
-    let at = clamp(ray.origin.xz + t_in * ray.direction.xz - vec2<f32>(cell - view.anchor), vec2(0.0), vec2(1.0));
+    let at = clamp(ray.origin.xz + t_in * ray.direction.xz - vec2<f32>(cell - ray.anchor), vec2(0.0), vec2(1.0));
     let d = ray.direction;
     // h = h00 + p u + q v + r u v
     let p = corners.y - corners.x;
@@ -157,25 +163,43 @@ fn first_rise(c: f32, b: f32, a: f32) -> f32 {
     return first_fall(-c, -b, -a);
 }
 
-/// NDC depth at t. 0 is infinitely far.
-fn ndc_depth(t: f32) -> f32 {
-    return (view.depth.x + view.depth.y * t) / (view.depth.z + view.depth.w * t);
-}
-
-/// t of an NDC depth, the inverse of `ndc_depth`; `T_NEVER` for what lies infinitely far.
-fn t_of_depth(depth: f32) -> f32 {
-    let below = view.depth.y - depth * view.depth.w;
-    let above = depth * view.depth.z - view.depth.x;
-    if abs(below) * T_NEVER <= abs(above) || depth <= 0.0 {
-        return T_NEVER;
-    }
-    return above / below;
-}
-
 /// How far above a node's highest sample a ray must pass for the node to be left out: what rounding can
 /// hide between this test and the cells' own. Each height is a sum of three products (4 roundings), the
 /// borders add 3 roundings of t, the cell's polynomial 8 of its terms, none larger than `y_magnitude` or
 /// the ray's own height; 32 covers their sum.
 fn height_guard(ray: Ray, t: f32) -> f32 {
-    return 32.0 * UNIT_ROUNDOFF * (view.y_magnitude + abs(ray.origin.y) + abs(t * ray.direction.y));
+    return 32.0 * UNIT_ROUNDOFF * (ray.y_magnitude + abs(ray.origin.y) + abs(t * ray.direction.y));
+}
+
+/// Where a ray is on its way: in the node of level k that holds `cell`, since t.
+struct Place {
+    cell: vec2<i32>,
+    k: u32,
+    t: f32,
+};
+
+/// Borders by which a ray leaves its node, and when.
+struct Exit {
+    border: vec2<i32>,
+    t: vec2<f32>,
+};
+
+fn exit_of(ray: Ray, place: Place) -> Exit {
+    let border = ((place.cell >> vec2(place.k)) + ray.ahead) << vec2(place.k);
+    return Exit(border, border_t(ray, border));
+}
+
+/// Moves on to the next node, a level up where the border just crossed bounds larger nodes too. Returns
+/// whether there is one that matters.
+fn move_on(ray: Ray, place: ptr<function, Place>, exit: Exit, t_stop: f32, highest: u32) -> bool {
+    let t = max((*place).t, min(exit.t.x, exit.t.y));
+    let k = (*place).k;
+    let cell = next_cell(ray, (*place).cell, k, exit.t);
+    let crossed = u32(select(exit.border.y, exit.border.x, exit.t.x <= exit.t.y));
+    (*place).t = t;
+    (*place).cell = cell;
+    (*place).k = min(k + select(0u, 1u, ((crossed >> k) & 1u) == 0u), highest);
+    let past = any(cell < vec2(0)) || any(cell >= field.cells) || t >= t_stop;
+    let risen = ray.direction.y >= 0.0 && height_of(ray, t) > ray.y_max + height_guard(ray, t);
+    return !(past || risen);
 }

@@ -8,8 +8,9 @@
 // P1 section 3.2: a node is divided while it is larger than a box, in view, and covers enough pixels.
 
 #import bevy_skyline::boxes::{BASEMENT, BOX_COUNT, Box, box_bounds, box_node}
-#import bevy_skyline::height_field::{level_size, view}
+#import bevy_skyline::height_field::level_size
 #import bevy_skyline::types::{FLAG_BASEMENT, T_NEVER}
+#import bevy_skyline::view_rays::view
 
 struct Pass {
     index: u32,

@@ -1,8 +1,8 @@
 // The surface a pixel's ray has hit, from its depth: where, and which way it faces.
 #define_import_path bevy_skyline::surface
 
-#import bevy_skyline::height_field::{sample_height, view}
-#import bevy_skyline::rays::{ray_at, t_of_depth}
+#import bevy_skyline::height_field::{field, sample_height}
+#import bevy_skyline::view_rays::{ray_at, t_of_depth, view}
 
 struct Surface {
     /// units: grid, relative to the anchor
@@ -15,11 +15,11 @@ struct Surface {
 
 /// Slope at a sample by central differences over `stride` cells either way, one-sided at the border.
 fn slope_at(at: vec2<i32>, stride: i32) -> vec2<f32> {
-    let low = clamp(at - stride, vec2(0), view.cells);
-    let high = clamp(at + stride, vec2(0), view.cells);
+    let low = clamp(at - stride, vec2(0), field.cells);
+    let high = clamp(at + stride, vec2(0), field.cells);
     return vec2(
-        sample_height(vec2(high.x, at.y)) - sample_height(vec2(low.x, at.y)),
-        sample_height(vec2(at.x, high.y)) - sample_height(vec2(at.x, low.y)),
+        sample_height(vec2(high.x, at.y), view.anchor_y) - sample_height(vec2(low.x, at.y), view.anchor_y),
+        sample_height(vec2(at.x, high.y), view.anchor_y) - sample_height(vec2(at.x, low.y), view.anchor_y),
     ) / vec2<f32>(max(high - low, vec2(1)));
 }
 
@@ -30,14 +30,14 @@ fn surface_at(viewport_pixel: vec2<f32>, depth: f32) -> Surface {
     let t = t_of_depth(depth);
     var surface: Surface;
     surface.position = ray.origin + t * ray.direction;
-    let cells = vec2<f32>(view.cells);
+    let cells = vec2<f32>(field.cells);
     let at = clamp(surface.position.xz + vec2<f32>(view.anchor), vec2(0.0), cells);
 
     let width = view.pixel_a + view.pixel_b * t;
-    let k = u32(clamp(round(log2(max(width, 1.0))), 0.0, f32(view.levels)));
+    let k = u32(clamp(round(log2(max(width, 1.0))), 0.0, f32(field.levels)));
     let stride = i32(1u << k);
     let low = (vec2<i32>(at) >> vec2(k)) << vec2(k);
-    let high = min(low + stride, view.cells);
+    let high = min(low + stride, field.cells);
     let weight = clamp((at - vec2<f32>(low)) / max(vec2<f32>(high - low), vec2(1.0)), vec2(0.0), vec2(1.0));
     surface.slope = mix(
         mix(slope_at(low, stride), slope_at(vec2(high.x, low.y), stride), weight.x),
@@ -50,11 +50,11 @@ fn surface_at(viewport_pixel: vec2<f32>, depth: f32) -> Surface {
     let on_low = at <= rim & (ray.direction.xz > vec2(0.0));
     let on_high = at >= cells - rim & (ray.direction.xz < vec2(0.0));
     if any(on_low | on_high) {
-        let cell = clamp(vec2<i32>(at), vec2(0), view.cells - 1);
+        let cell = clamp(vec2<i32>(at), vec2(0), field.cells - 1);
         let f = at - vec2<f32>(cell);
         let top = mix(
-            mix(sample_height(cell), sample_height(cell + vec2(1, 0)), f.x),
-            mix(sample_height(cell + vec2(0, 1)), sample_height(cell + vec2(1, 1)), f.x),
+            mix(sample_height(cell, view.anchor_y), sample_height(cell + vec2(1, 0), view.anchor_y), f.x),
+            mix(sample_height(cell + vec2(0, 1), view.anchor_y), sample_height(cell + vec2(1, 1), view.anchor_y), f.x),
             f.y,
         );
         let drop = top - surface.position.y;

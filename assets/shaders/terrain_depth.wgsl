@@ -3,9 +3,9 @@
 // In:  `hit_depth`, `hit_surface`. Out: depth (nearer wins), normal (Bevy's prepass encoding), motion (NDC
 // units as Bevy's mesh prepass writes them). One sample stands for all of a multisampled pixel.
 
-#import bevy_skyline::height_field::view
 #import bevy_skyline::placement::Placement
 #import bevy_skyline::surface::{facing, surface_at}
+#import bevy_skyline::view_rays::view
 
 @group(1) @binding(0) var hit_depth: texture_2d<f32>;
 @group(1) @binding(1) var hit_surface: texture_2d<u32>;

@@ -12,9 +12,10 @@
 #import bevy_pbr::mesh_view_bindings::screen_space_ambient_occlusion_texture
 #import bevy_pbr::ssao_utils::ssao_multibounce
 #endif
-#import bevy_skyline::height_field::view
+#import bevy_skyline::height_field::field
 #import bevy_skyline::surface::{facing, surface_at}
 #import bevy_skyline::placement::Placement
+#import bevy_skyline::view_rays::view
 
 /// Mirrors `GpuTerrainLook`.
 struct Look {
@@ -81,9 +82,9 @@ fn fragment(@builtin(position) position: vec4<f32>) -> Out {
     input.material.metallic = look.metallic;
     input.material.reflectance = vec3(look.reflectance);
     if look.textured == 1u {
-        let uv = (surface.position.xz + vec2<f32>(view.anchor)) / vec2<f32>(view.cells);
+        let uv = (surface.position.xz + vec2<f32>(view.anchor)) / vec2<f32>(field.cells);
         let width = view.pixel_a + view.pixel_b * max((depth * view.depth.z - view.depth.x) / (view.depth.y - depth * view.depth.w), 0.0);
-        let texels = width * vec2<f32>(textureDimensions(albedo)) / vec2<f32>(view.cells);
+        let texels = width * vec2<f32>(textureDimensions(albedo)) / vec2<f32>(field.cells);
         input.material.base_color = look.colours[0]
             * textureSampleLevel(albedo, albedo_sampler, uv, log2(max(max(texels.x, texels.y), 1.0)));
     } else {

@@ -7,10 +7,11 @@
 #define_import_path bevy_skyline::traverse
 
 #import bevy_skyline::types::{T_NEVER, UNIT_ROUNDOFF, TRAVERSAL_PER_TEXEL}
-#import bevy_skyline::height_field::{view, node_range, cell_corners}
+#import bevy_skyline::height_field::{field, node_range, cell_corners}
 #import bevy_skyline::rays::{
-    Ray, above_cell, border_t, cell_at, clears_cell, first_fall, first_rise, height_guard, height_of, next_cell,
+    Place, Ray, above_cell, cell_at, clears_cell, exit_of, first_fall, first_rise, height_guard, height_of, move_on,
 }
+#import bevy_skyline::view_rays::view
 
 struct Hit {
     /// `T_NEVER` for none.
@@ -33,40 +34,7 @@ struct Levels {
 /// The level whose nodes span about `max_error_px` pixels at t.
 fn pixel_level(t: f32) -> u32 {
     let texels = view.max_error_px * (view.pixel_a + view.pixel_b * t);
-    return u32(clamp(floor(log2(max(texels, 1.0))), 0.0, f32(view.levels)));
-}
-
-/// Where a ray is on its way: in the node of level k that holds `cell`, since t.
-struct Place {
-    cell: vec2<i32>,
-    k: u32,
-    t: f32,
-};
-
-/// Borders by which a ray leaves its node, and when.
-struct Exit {
-    border: vec2<i32>,
-    t: vec2<f32>,
-};
-
-fn exit_of(ray: Ray, place: Place) -> Exit {
-    let border = ((place.cell >> vec2(place.k)) + ray.ahead) << vec2(place.k);
-    return Exit(border, border_t(ray, border));
-}
-
-/// Moves on to the next node, a level up where the border just crossed bounds larger nodes too. Returns
-/// whether there is one that matters.
-fn move_on(ray: Ray, place: ptr<function, Place>, exit: Exit, t_stop: f32, highest: u32) -> bool {
-    let t = max((*place).t, min(exit.t.x, exit.t.y));
-    let k = (*place).k;
-    let cell = next_cell(ray, (*place).cell, k, exit.t);
-    let crossed = u32(select(exit.border.y, exit.border.x, exit.t.x <= exit.t.y));
-    (*place).t = t;
-    (*place).cell = cell;
-    (*place).k = min(k + select(0u, 1u, ((crossed >> k) & 1u) == 0u), highest);
-    let past = any(cell < vec2(0)) || any(cell >= view.cells) || t >= t_stop;
-    let risen = ray.direction.y >= 0.0 && height_of(ray, t) > view.y_max + height_guard(ray, t);
-    return !(past || risen);
+    return u32(clamp(floor(log2(max(texels, 1.0))), 0.0, f32(field.levels)));
 }
 
 /// Where the ray next comes from the air to the surface, or enters the footprint below it, at or after
@@ -84,7 +52,7 @@ fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
         while going && place.k > 0u {
             let exit = exit_of(ray, place);
             let t_leave = min(exit.t.x, exit.t.y);
-            let range = node_range(place.k, place.cell >> vec2(place.k));
+            let range = node_range(place.k, place.cell >> vec2(place.k), ray.anchor_y);
             hit.reads += 1u;
             let low = min(height_of(ray, place.t), height_of(ray, t_leave));
             if low > range.x + height_guard(ray, min(t_leave, t_stop)) {
@@ -117,7 +85,7 @@ fn cast_ray(ray: Ray, t_start: f32, t_stop: f32, levels: Levels) -> Hit {
         // It is; said so that what follows needs no shifts.
         place.k = 0u;
         let exit = exit_of(ray, place);
-        let corners = cell_corners(place.cell);
+        let corners = cell_corners(place.cell, ray.anchor_y);
         hit.reads += 1u;
         let above = above_cell(ray, place.cell, corners);
         if !clears_cell(ray, above, corners) {
@@ -149,7 +117,7 @@ struct Emergence {
 
 fn emerge(ray: Ray, t_stop: f32) -> Emergence {
     var out = Emergence(T_NEVER, T_NEVER, 0u);
-    let highest = select(view.levels, 0u, view.traversal == TRAVERSAL_PER_TEXEL);
+    let highest = select(field.levels, 0u, view.traversal == TRAVERSAL_PER_TEXEL);
     var place = Place(cell_at(ray, 0.0), highest, 0.0);
     var going = true;
     while going {
@@ -158,13 +126,13 @@ fn emerge(ray: Ray, t_stop: f32) -> Emergence {
         out.reads += 1u;
         if place.k > 0u {
             let high = max(height_of(ray, place.t), height_of(ray, t_leave));
-            let low = node_range(place.k, place.cell >> vec2(place.k)).y;
+            let low = node_range(place.k, place.cell >> vec2(place.k), ray.anchor_y).y;
             if high >= low - height_guard(ray, min(t_leave, t_stop)) {
                 place.k -= 1u;
                 continue;
             }
         } else {
-            let above = above_cell(ray, place.cell, cell_corners(place.cell));
+            let above = above_cell(ray, place.cell, cell_corners(place.cell, ray.anchor_y));
             var s = 0.0;
             if above.c <= 0.0 {
                 s = first_rise(above.c, above.b, above.a);

@@ -2,13 +2,23 @@
 //
 // Spaces
 //   grid   x and z count cells, y counts height units (codes of 16-bit fields, metres of float ones).
-//          Everything here is relative to `anchor`, a whole cell near the camera, so that what is near
-//          keeps all its bits. Whole numbers convert to `f32` exactly.
+//          Everything is relative to an anchor, a whole cell near the camera or the sample a shadow ray
+//          starts at, so that what is near keeps all its bits. Whole numbers convert to `f32` exactly.
 //   t      metres of view-space depth (distance along -Z) beyond `t_base`. A pixel's ray is
 //          `ray_origin + t * ray_direction`, both linear in the pixel's offset from the viewport's centre.
 //   node   level k >= 1, (i, j): the cells [i 2^k, (i+1) 2^k) x [j 2^k, (j+1) 2^k) and every sample on
 //          their corners, shared borders included. Level 0 is the cells themselves, which are not stored.
 #define_import_path bevy_skyline::types
+
+/// One height field and its pyramid. Mirrors `GpuField`.
+struct Field {
+    /// Cells along x and z.
+    cells: vec2<i32>,
+    /// Levels stored in the pyramid; level `levels` is one node.
+    levels: u32,
+    /// Where each level starts in the pyramid, four to a vector.
+    level_offset: array<vec4<u32>, 8>,
+};
 
 /// One terrain as one camera sees it. Mirrors `GpuTerrainView`.
 struct TerrainView {
@@ -44,12 +54,8 @@ struct TerrainView {
     y_magnitude: f32,
     /// Whole cell that grid space is measured from here.
     anchor: vec2<i32>,
-    /// Cells along x and z.
-    cells: vec2<i32>,
     /// Pixels of the viewport.
     size_px: vec2<u32>,
-    /// Levels stored in the pyramid; level `levels` is one node.
-    levels: u32,
     /// `FLAG_*`
     flags: u32,
     /// Index of this terrain among those of the view, from 1.
@@ -73,8 +79,6 @@ struct TerrainView {
     depth_from_grid: vec4<f32>,
     /// Planes of the view, inward normals: dot(xyz, p) + w >= 0 inside. The sixth is unused.
     frustum: array<vec4<f32>, 6>,
-    /// Where each level starts in the pyramid, four to a vector.
-    level_offset: array<vec4<u32>, 8>,
 };
 
 /// No ray of this view starts inside the ground.

@@ -41,8 +41,17 @@ pub struct GpuMipLevel {
     level: u32,
 }
 
+/// What every pass over a field has to know of it. Mirrors `Field` in `types.wgsl`.
+#[derive(ShaderType, Clone, Copy, Debug, Default)]
+pub struct GpuField {
+    cells: IVec2,
+    levels: u32,
+    level_offset: [UVec4; 8],
+}
+
 /// A height field on the GPU.
 pub struct GpuHeightField {
+    pub uniform: UniformBuffer<GpuField>,
     pub heights: TextureView,
     pub pyramid: Buffer,
     /// Samples.
@@ -114,7 +123,7 @@ impl GpuHeightFields {
                 }
                 self.refused.remove(&id);
                 self.next_generation += 1;
-                let gpu = GpuHeightField::new(field, float, self.next_generation, device);
+                let gpu = GpuHeightField::new(field, float, self.next_generation, device, queue);
                 self.fields.insert(id, gpu);
                 whole
             }
@@ -159,7 +168,13 @@ fn check_limits(field: &HeightField, limits: &WgpuLimits) -> Result<(), String> 
 }
 
 impl GpuHeightField {
-    fn new(field: &HeightField, float: bool, generation: u64, device: &RenderDevice) -> Self {
+    fn new(
+        field: &HeightField,
+        float: bool,
+        generation: u64,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> Self {
         let size = field.size();
         let (format, sample_bytes, node_bytes) = if float {
             (TextureFormat::R32Float, 4, 8)
@@ -188,12 +203,26 @@ impl GpuHeightField {
             usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
             mapped_at_creation: false,
         });
+        let level_offsets = offsets(pyramid);
+        let mut level_offset = [UVec4::ZERO; 8];
+        for (i, offset) in level_offsets.iter().enumerate() {
+            // Level k is `level_offsets[k - 1]`.
+            level_offset[(i + 1) / 4][(i + 1) % 4] = *offset;
+        }
+        let mut uniform = UniformBuffer::from(GpuField {
+            cells: field.cells().as_ivec2(),
+            levels: level_offsets.len() as u32,
+            level_offset,
+        });
+        uniform.set_label(Some("skyline_field"));
+        uniform.write_buffer(device, queue);
         Self {
+            uniform,
             heights: texture.create_view(&TextureViewDescriptor::default()),
             pyramid: buffer,
             size,
             float,
-            level_offsets: offsets(pyramid),
+            level_offsets,
             texture,
             revision: 0,
             pending: None,

@@ -21,7 +21,7 @@ use bevy::{
 };
 
 use super::{
-    height_mips::GpuMipLevel,
+    height_mips::{GpuField, GpuMipLevel},
     shaders::Shaders,
     subdivide::GpuSubdividePass,
     view::{GpuPlacement, GpuTerrainLook, GpuTerrainView},
@@ -130,10 +130,11 @@ impl TerrainPipelines {
                 &BindGroupLayoutEntries::sequential(
                     all,
                     (
-                        uniform_buffer::<GpuTerrainView>(false),
+                        uniform_buffer::<GpuField>(false),
                         heights(float),
                         storage_buffer_read_only_sized(false, None),
                         sampler(SamplerBindingType::NonFiltering),
+                        uniform_buffer::<GpuTerrainView>(false),
                     ),
                 ),
             )
@@ -228,7 +229,7 @@ impl TerrainPipelines {
         }
     }
 
-    /// Layout of the group every pass has: view, heights, pyramid.
+    /// Layout of the group every view's pass has: field, heights, pyramid, sampler, view.
     pub fn field(&self, float: bool) -> &BindGroupLayoutDescriptor {
         &self.field[usize::from(float)]
     }

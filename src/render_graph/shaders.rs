@@ -12,6 +12,7 @@ pub fn embed(app: &mut App) {
     load_shader_library!(app, "../../assets/shaders/types.wgsl");
     load_shader_library!(app, "../../assets/shaders/height_field.wgsl");
     load_shader_library!(app, "../../assets/shaders/rays.wgsl");
+    load_shader_library!(app, "../../assets/shaders/view_rays.wgsl");
     load_shader_library!(app, "../../assets/shaders/traverse.wgsl");
     load_shader_library!(app, "../../assets/shaders/boxes.wgsl");
     load_shader_library!(app, "../../assets/shaders/surface.wgsl");

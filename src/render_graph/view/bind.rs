@@ -251,10 +251,11 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
             "skyline_field",
             &layout(pipelines.field(field.float)),
             &BindGroupEntries::sequential((
-                slot.view.binding()?,
+                field.uniform.binding()?,
                 &field.heights,
                 field.pyramid.as_entire_binding(),
                 &unused.nearest,
+                slot.view.binding()?,
             )),
         ),
         subdivide,

@@ -35,9 +35,7 @@ pub struct GpuTerrainView {
     pub(super) beam_slack: Vec3,
     pub(super) y_magnitude: f32,
     pub(super) anchor: IVec2,
-    pub(super) cells: IVec2,
     pub(super) size_px: UVec2,
-    pub(super) levels: u32,
     pub(super) flags: u32,
     pub(super) terrain_id: u32,
     pub(super) traversal: u32,
@@ -50,7 +48,6 @@ pub struct GpuTerrainView {
     pub(super) clip_from_grid: Mat4,
     pub(super) depth_from_grid: Vec4,
     pub(super) frustum: [Vec4; 6],
-    pub(super) level_offset: [UVec4; 8],
 }
 
 /// Mirrors `Placement` in `placement.wgsl`.

@@ -169,11 +169,6 @@ impl TerrainSlot {
         } else {
             0.0
         };
-        let mut level_offset = [UVec4::ZERO; 8];
-        for (i, offset) in field.level_offsets.iter().enumerate() {
-            // Level k is `level_offsets[k - 1]`.
-            level_offset[(i + 1) / 4][(i + 1) % 4] = *offset;
-        }
         self.view.set(GpuTerrainView {
             origin: rays.origin,
             t_base: rays.t_base,
@@ -195,9 +190,7 @@ impl TerrainSlot {
             beam_slack: rays.beam_slack,
             y_magnitude: rays.y_magnitude,
             anchor: rays.anchor,
-            cells: rays.cells,
             size_px: rays.size_px,
-            levels: self.levels,
             flags,
             terrain_id: id,
             traversal: match self.traversal {
@@ -215,7 +208,6 @@ impl TerrainSlot {
             clip_from_grid: rays.clip_from_grid,
             depth_from_grid: rays.depth_from_grid,
             frustum: rays.frustum,
-            level_offset,
         });
         self.view.write_buffer(device, queue);
 
