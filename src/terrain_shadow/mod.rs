@@ -1,6 +1,8 @@
 //! What a user attaches and owns for terrain shadows: [`TerrainShadow`] on a terrain, [`ExactLight`] on a light.
 
 pub mod light;
+pub mod plan;
+pub mod tiles;
 
 use bevy::{math::DVec3, prelude::*};
 

@@ -1,0 +1,52 @@
+// How much of a light each sample of a tile sees, by a ray from the sample to the light (P5b).
+//
+// One invocation casts the rays of four neighbouring samples, whose bytes make one word of the map. `COARSE`
+// casts one ray for 4 x 4 samples instead.
+//
+// In:  `tiles`, which tiles of the map to make. Out: `visibility`, a byte a sample, 255 = all of the light.
+
+#import bevy_skyline::height_field::{field, sample_height}
+#import bevy_skyline::light_rays::{TILE, light, map_byte, visible_share}
+
+@group(1) @binding(1) var<storage, read> tiles: array<u32>;
+@group(1) @binding(2) var<storage, read_write> visibility: array<u32>;
+
+fn share_at(at: vec2<u32>) -> u32 {
+    let sample = min(vec2<i32>(at), field.cells);
+#ifdef PER_TEXEL
+    let highest = 0u;
+#else
+    let highest = field.levels;
+#endif
+    return u32(round(255.0 * visible_share(sample, sample_height(sample, 0.0), highest)));
+}
+
+@compute @workgroup_size(64, 1, 1)
+fn terrain_shadow(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let index = tiles[group.y];
+    let tile = light.first_tile + vec2(index % light.tiles.x, index / light.tiles.x);
+#ifdef COARSE
+    // A workgroup takes 32 x 32 samples, a tile four of them.
+    let at = tile * TILE + vec2(group.x & 1u, group.x >> 1u) * 32u + vec2(local & 7u, local >> 3u) * 4u;
+    if any(at > vec2<u32>(field.cells)) {
+        return;
+    }
+    let word = share_at(at + 2u) * 0x01010101u;
+    for (var row = 0u; row < 4u; row++) {
+        visibility[map_byte(at + vec2(0u, row)) / 4u] = word;
+    }
+#else
+    // A workgroup takes 16 x 16 samples. Invocations that run in step (8 and more) take words that lie one below
+    // the other: their rays go the same way.
+    let word_in_group = vec2(local >> 4u, local & 15u);
+    let at = tile * TILE + vec2(group.x & 3u, group.x >> 2u) * 16u + word_in_group * vec2(4u, 1u);
+    if any(at > vec2<u32>(field.cells)) {
+        return;
+    }
+    var word = 0u;
+    for (var i = 0u; i < 4u; i++) {
+        word |= share_at(at + vec2(i, 0u)) << (8u * i);
+    }
+    visibility[map_byte(at) / 4u] = word;
+#endif
+}
