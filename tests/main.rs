@@ -22,6 +22,9 @@ mod ray_cast;
 mod terrain_app;
 #[path = "it/terrain_scenes.rs"]
 mod terrain_scenes;
+#[cfg(feature = "cli")]
+#[path = "it/terrain_shadow.rs"]
+mod terrain_shadow;
 #[path = "it/twin.rs"]
 mod twin;
 

@@ -1,9 +1,10 @@
 // Shadows of a directional light by sweeping away from it: along parallel lines, one a sample across, the height of
 // the shadow is carried along. What is highest so far casts it, and it falls by the light's slope a step.
 //
-// Line k meets column n of the sweep at row k + n m, rounded to the nearest sample alike for all lines, so that
-// every sample belongs to exactly one of them. Whether that sample is lit is told at the line, up to half a cell
-// beside it, by the line's own height: a plane that faces the light has no acne.
+// Line k meets column n of the sweep at row k + n m, between samples whose heights are blended. A sample lies between
+// two lines, and so does its ray all the way: the shadow over it is blended from theirs. On a plane that is exact,
+// so one that faces the light has no acne; elsewhere what is off is the ground's unevenness from one line to the next.
+// An invocation follows both lines of its samples.
 //
 // With a disc two shadows are carried, of its lower and its upper edge: a sample between the two sees a part of
 // it, told exactly where both are cast by the same edge.
@@ -49,6 +50,18 @@ fn shadow_of(edge: Edge, step: i32, drop: f32) -> f32 {
     return edge.height - f32(step - edge.step) * drop;
 }
 
+/// The edges of two lines after a step at which their ground may have risen above their shadow.
+fn raised(edges: array<Edge, 2>, shadow: vec2<f32>, heights: vec2<f32>, step: i32) -> array<Edge, 2> {
+    var out = edges;
+    if heights.x >= shadow.x {
+        out[0] = Edge(heights.x, step);
+    }
+    if heights.y >= shadow.y {
+        out[1] = Edge(heights.y, step);
+    }
+    return out;
+}
+
 @compute @workgroup_size(64, 1, 1)
 fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= sweep.count {
@@ -68,44 +81,55 @@ fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
         last = min(last, i32(ceil(max(a, b))) + 1);
     }
     let base = light.y_max;
-    var middle = Edge(-1e9, first);
-    var low = Edge(-1e9, first);
-    var high = Edge(-1e9, first);
+    let none = Edge(-1e9, first);
+    var middle = array(none, none);
+    var low = array(none, none);
+    var high = array(none, none);
     for (var n = first; n <= last; n++) {
         let offset = f32(n) * sweep.m;
-        let whole = floor(offset + 0.5);
+        let whole = floor(offset);
         let beside = offset - whole;
+        // The lines are at rows + beside and one more; the sample is the one between them.
         let row = line + i32(whole);
-        if row < 0 || row >= rows {
+        let at_line = beside == 0.0;
+        let sample = select(row + 1, row, at_line);
+        if row < -1 || sample >= rows {
             continue;
         }
         let column = select(columns - 1 - n, n, sweep.forward == 1u);
-        let other = clamp(row + select(-1, 1, beside >= 0.0), 0, rows - 1);
-        let here = sample_height(at_of(column, row), base);
-        let height = mix(here, sample_height(at_of(column, other), base), abs(beside));
+        let h0 = sample_height(at_of(column, clamp(row, 0, rows - 1)), base);
+        let h1 = sample_height(at_of(column, clamp(row + 1, 0, rows - 1)), base);
+        let h2 = sample_height(at_of(column, clamp(row + 2, 0, rows - 1)), base);
+        let height = select(h1, h0, at_line);
+        let heights = mix(vec2(h0, h1), vec2(h1, h2), beside);
+        let between = select(1.0 - beside, 0.0, at_line);
         var share = 0u;
         if light.strips == 0u {
-            if height >= shadow_of(middle, n, sweep.drop) {
+            let shadow = vec2(shadow_of(middle[0], n, sweep.drop), shadow_of(middle[1], n, sweep.drop));
+            if height >= mix(shadow.x, shadow.y, between) {
                 share = 255u;
-                middle = Edge(height, n);
             }
+            middle = raised(middle, shadow, heights, n);
         } else {
-            let shadow_low = shadow_of(low, n, sweep.drop_low);
-            let shadow_high = shadow_of(high, n, sweep.drop_high);
+            let low_shadow = vec2(shadow_of(low[0], n, sweep.drop_low), shadow_of(low[1], n, sweep.drop_low));
+            let high_shadow = vec2(shadow_of(high[0], n, sweep.drop_high), shadow_of(high[1], n, sweep.drop_high));
+            let shadow_low = mix(low_shadow.x, low_shadow.y, between);
+            let shadow_high = mix(high_shadow.x, high_shadow.y, between);
             if height >= shadow_low {
                 share = 255u;
-                low = Edge(height, n);
             } else if height > shadow_high {
                 let level = 1.0 - 2.0 * (height - shadow_high) / max(shadow_low - shadow_high, 1e-30);
                 let part = cap_area(abs(level), -1.0, 1.0) / 3.14159265;
                 share = u32(round(255.0 * select(1.0 - part, part, level >= 0.0)));
             }
-            if height >= shadow_high {
-                high = Edge(height, n);
-            }
+            low = raised(low, low_shadow, heights, n);
+            high = raised(high, high_shadow, heights, n);
+        }
+        if sample < 0 {
+            continue;
         }
         if share > 0u {
-            let byte = map_byte(vec2<u32>(at_of(column, row)));
+            let byte = map_byte(vec2<u32>(at_of(column, sample)));
             atomicOr(&visibility[byte / 4u], share << (8u * (byte % 4u)));
         }
     }

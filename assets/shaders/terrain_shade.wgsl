@@ -13,6 +13,9 @@
 #import bevy_pbr::ssao_utils::ssao_multibounce
 #endif
 #import bevy_skyline::height_field::field
+#ifdef TERRAIN_SHADOW
+#import bevy_skyline::terrain_lighting::blocked_light
+#endif
 #import bevy_skyline::surface::{facing, surface_at}
 #import bevy_skyline::placement::Placement
 #import bevy_skyline::view_rays::view
@@ -96,6 +99,11 @@ fn fragment(@builtin(position) position: vec4<f32>) -> Out {
 #endif
     var out: Out;
     out.depth = depth;
-    out.colour = main_pass_post_lighting_processing(input, apply_pbr_lighting(input));
+    var colour = apply_pbr_lighting(input);
+#ifdef TERRAIN_SHADOW
+    let at = clamp(surface.position.xz + vec2<f32>(view.anchor), vec2(0.0), vec2<f32>(field.cells));
+    colour = vec4(max(colour.rgb - blocked_light(input, at, surface.stride), vec3(0.0)), colour.a);
+#endif
+    out.colour = main_pass_post_lighting_processing(input, colour);
     return out;
 }

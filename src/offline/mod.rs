@@ -4,6 +4,7 @@ pub mod accuracy;
 pub mod glyphs;
 pub mod plot;
 pub mod render;
+pub mod shadow;
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},

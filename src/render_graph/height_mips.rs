@@ -27,7 +27,13 @@ use super::{
     pipelines::{PipelineId, PipelineKey, TerrainPipelines},
     stats::TerrainStats,
 };
-use crate::terrain::{HeightField, HeightFieldChanged, HeightSamples, MinMaxPyramid};
+use crate::{
+    terrain::{HeightField, HeightFieldChanged, HeightSamples, MinMaxPyramid},
+    terrain_shadow::tiles::TILE,
+};
+
+/// The level whose nodes have the cells of one tile of shadow maps.
+const TILE_LEVEL: u32 = TILE.ilog2();
 
 /// One level to compute. Mirrors `Level` in `height_mips.wgsl`.
 #[derive(ShaderType, Clone, Copy, Debug)]
@@ -68,6 +74,8 @@ pub struct GpuHeightField {
     /// Distinguishes this upload's buffers from those of any other.
     pub generation: u64,
     bytes: u64,
+    /// Lowest and highest sample of every node of [`TILE_LEVEL`], row by row. units: grid
+    tile_heights: Vec<(f32, f32)>,
 }
 
 /// All fields that some terrain shows.
@@ -132,6 +140,7 @@ impl GpuHeightFields {
             return;
         };
         gpu.write(field.samples(), rect, queue);
+        gpu.note_tile_heights(field.pyramid(), rect);
         gpu.revision = field.revision();
         gpu.pending = Some(gpu.pending.map_or(rect, |old| old.union(rect)));
     }
@@ -229,6 +238,39 @@ impl GpuHeightField {
             ready: false,
             generation,
             bytes: u64::from(size.x) * u64::from(size.y) * sample_bytes + pyramid_bytes,
+            tile_heights: Vec::new(),
+        }
+    }
+
+    /// Whether all heights are uploaded and their pyramid is computed.
+    pub fn is_settled(&self) -> bool {
+        self.ready && self.pending.is_none()
+    }
+
+    /// Lowest and highest sample within a tile of shadow maps; `None` for larger rectangles and smaller fields.
+    pub fn heights_over(&self, samples: URect) -> Option<(f64, f64)> {
+        if samples.size().max_element() > TILE {
+            return None;
+        }
+        let nodes = (self.size - 1).map(|cells| cells.div_ceil(TILE));
+        let node = (samples.min / TILE).min(nodes - 1);
+        let &(low, high) = self.tile_heights.get((node.y * nodes.x + node.x) as usize)?;
+        Some((f64::from(low), f64::from(high)))
+    }
+
+    fn note_tile_heights(&mut self, pyramid: &MinMaxPyramid, rect: URect) {
+        if pyramid.levels() < TILE_LEVEL {
+            return;
+        }
+        let size = pyramid.level_size(TILE_LEVEL);
+        self.tile_heights
+            .resize((size.x * size.y) as usize, (0.0, 0.0));
+        let nodes = pyramid.affected_nodes(TILE_LEVEL, rect);
+        for j in nodes.min.y..nodes.max.y {
+            for i in nodes.min.x..nodes.max.x {
+                let (high, low) = pyramid.get(TILE_LEVEL, i, j);
+                self.tile_heights[(j * size.x + i) as usize] = (low as f32, high as f32);
+            }
         }
     }
 

@@ -3,9 +3,12 @@
 //! | Pass | Schedule | After | Before | Because |
 //! |---|---|---|---|---|
 //! | `extract_terrains` | `ExtractSchedule` | – | – | uploads changed heights straight from the asset |
+//! | `extract_shadows` | `ExtractSchedule` | – | – | notes which heights have changed |
+//! | `prepare_terrain_shadows` | `Render`, `PrepareResources` | – | – | plans what of the shadow maps is made |
 //! | `prepare_terrain_views` | `Render`, `PrepareResources` | – | – | rays, textures, lists |
 //! | `prepare_terrain_bind_groups` | `Render`, `PrepareBindGroups` | – | – | binds what is new, queues pipelines |
 //! | `height_mips` | `RenderGraph` | – | `camera_driver` | views read this frame's pyramid |
+//! | `terrain_shadow` | `RenderGraph` | `height_mips` | `camera_driver` | views read the maps it shows |
 //! | `cast_terrain` | `Core3d`, `Prepass` | `early_prepass` | `early_downsample_depth`, `late_prepass` | rays stop at meshes; terrain is in Bevy's depth pyramid |
 //! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
 //!
@@ -13,12 +16,13 @@
 
 pub mod extract;
 pub mod height_mips;
-mod pipelines;
+pub mod pipelines;
 mod readback;
 mod shaders;
 pub mod stats;
 pub mod subdivide;
 pub mod terrain;
+pub mod terrain_shadow;
 pub mod view;
 
 use bevy::{
@@ -42,6 +46,10 @@ use extract::{ExtractedTerrains, extract_terrains};
 use height_mips::{GpuHeightFields, height_mips};
 use pipelines::init_terrain_pipelines;
 use stats::TerrainStats;
+use terrain_shadow::{
+    TerrainShadows, extract::ExtractedShadows, extract::extract_shadows, prepare_terrain_shadows,
+    terrain_shadow,
+};
 use view::{TerrainViews, prepare_terrain_bind_groups, prepare_terrain_views};
 
 pub(crate) fn embed_shaders(app: &mut App) {
@@ -63,21 +71,30 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
     render_app
         .insert_resource(stats)
         .init_resource::<ExtractedTerrains>()
+        .init_resource::<ExtractedShadows>()
         .init_gpu_resource::<GpuHeightFields>()
+        .init_gpu_resource::<TerrainShadows>()
         .init_gpu_resource::<TerrainViews>()
         .add_systems(
             RenderStartup,
             init_terrain_pipelines.after(MeshPipelineSystems),
         )
-        .add_systems(ExtractSchedule, extract_terrains)
+        .add_systems(ExtractSchedule, (extract_terrains, extract_shadows))
         .add_systems(
             Render,
             (
-                prepare_terrain_views.in_set(RenderSystems::PrepareResources),
+                (prepare_terrain_views, prepare_terrain_shadows)
+                    .in_set(RenderSystems::PrepareResources),
                 prepare_terrain_bind_groups.in_set(RenderSystems::PrepareBindGroups),
             ),
         )
-        .add_systems(RenderGraph, height_mips.before(camera_driver))
+        .add_systems(
+            RenderGraph,
+            (height_mips, terrain_shadow)
+                // Rays walk the pyramid; views read what shows.
+                .chain()
+                .before(camera_driver),
+        )
         .add_systems(
             Core3d,
             (

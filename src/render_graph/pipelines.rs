@@ -24,6 +24,10 @@ use super::{
     height_mips::{GpuField, GpuMipLevel},
     shaders::Shaders,
     subdivide::GpuSubdividePass,
+    terrain_shadow::{
+        gpu::{GpuShadowLight, GpuSweep},
+        maps::GpuLightMaps,
+    },
     view::{GpuPlacement, GpuTerrainLook, GpuTerrainView},
 };
 
@@ -61,6 +65,16 @@ pub enum PipelineKey {
     TerrainShade {
         float: bool,
         mesh: MeshPipelineKey,
+        /// Whether the terrain has shadow maps.
+        shadowed: bool,
+    },
+    TerrainShadow {
+        float: bool,
+        per_texel: bool,
+        coarse: bool,
+    },
+    ShadowSweep {
+        float: bool,
     },
 }
 
@@ -81,7 +95,10 @@ pub struct TerrainPipelines {
     pub beam: BindGroupLayoutDescriptor,
     ray_cast: [BindGroupLayoutDescriptor; 2],
     pub terrain_depth: BindGroupLayoutDescriptor,
-    pub terrain_shade: BindGroupLayoutDescriptor,
+    terrain_shade: [BindGroupLayoutDescriptor; 2],
+    shadow_field: [BindGroupLayoutDescriptor; 2],
+    pub terrain_shadow: BindGroupLayoutDescriptor,
+    pub shadow_sweep: BindGroupLayoutDescriptor,
     height_mips_float: BindGroupLayoutDescriptor,
     shaders: Shaders,
     mesh_pipeline: MeshPipeline,
@@ -209,9 +226,8 @@ impl TerrainPipelines {
                     ),
                 ),
             ),
-            terrain_shade: BindGroupLayoutDescriptor::new(
-                "skyline_terrain_shade",
-                &BindGroupLayoutEntries::sequential(
+            terrain_shade: [false, true].map(|shadowed| {
+                let mut entries = BindGroupLayoutEntries::sequential(
                     draw,
                     (
                         unfiltered(),
@@ -220,6 +236,49 @@ impl TerrainPipelines {
                         uniform_buffer::<GpuTerrainLook>(false),
                         texture_2d(TextureSampleType::Float { filterable: true }),
                         sampler(SamplerBindingType::Filtering),
+                    ),
+                )
+                .to_vec();
+                if shadowed {
+                    let fragment = ShaderStages::FRAGMENT;
+                    entries.push(uniform_buffer::<GpuLightMaps>(false).build(6, fragment));
+                    entries.push(storage_buffer_read_only_sized(false, None).build(7, fragment));
+                }
+                BindGroupLayoutDescriptor::new("skyline_terrain_shade", &entries)
+            }),
+            shadow_field: [false, true].map(|float| {
+                BindGroupLayoutDescriptor::new(
+                    "skyline_shadow_field",
+                    &BindGroupLayoutEntries::sequential(
+                        compute,
+                        (
+                            uniform_buffer::<GpuField>(false),
+                            heights(float),
+                            storage_buffer_read_only_sized(false, None),
+                            sampler(SamplerBindingType::NonFiltering),
+                        ),
+                    ),
+                )
+            }),
+            terrain_shadow: BindGroupLayoutDescriptor::new(
+                "skyline_terrain_shadow",
+                &BindGroupLayoutEntries::sequential(
+                    compute,
+                    (
+                        uniform_buffer::<GpuShadowLight>(false),
+                        storage_buffer_read_only_sized(false, None),
+                        storage_buffer_sized(false, None),
+                    ),
+                ),
+            ),
+            shadow_sweep: BindGroupLayoutDescriptor::new(
+                "skyline_shadow_sweep",
+                &BindGroupLayoutEntries::sequential(
+                    compute,
+                    (
+                        uniform_buffer::<GpuShadowLight>(false),
+                        uniform_buffer::<GpuSweep>(false),
+                        storage_buffer_sized(false, None),
                     ),
                 ),
             ),
@@ -240,6 +299,15 @@ impl TerrainPipelines {
         } else {
             &self.height_mips
         }
+    }
+
+    /// Layout of the field for rays to lights: field, heights, pyramid, sampler.
+    pub fn shadow_field(&self, float: bool) -> &BindGroupLayoutDescriptor {
+        &self.shadow_field[usize::from(float)]
+    }
+
+    pub fn terrain_shade(&self, shadowed: bool) -> &BindGroupLayoutDescriptor {
+        &self.terrain_shade[usize::from(shadowed)]
     }
 
     pub fn ray_cast(&self, stop_at_depth: bool) -> &BindGroupLayoutDescriptor {
@@ -389,8 +457,42 @@ impl TerrainPipelines {
                     ..default()
                 }))
             }
-            PipelineKey::TerrainShade { float, mesh } => {
+            PipelineKey::TerrainShadow {
+                float,
+                per_texel,
+                coarse,
+            } => {
+                let mut defs = field_defs(float, 0);
+                for (name, on) in [("PER_TEXEL", per_texel), ("COARSE", coarse)] {
+                    if on {
+                        defs.push(name.into());
+                    }
+                }
+                compute(
+                    "terrain_shadow",
+                    &shaders.terrain_shadow,
+                    vec![
+                        self.shadow_field(float).clone(),
+                        self.terrain_shadow.clone(),
+                    ],
+                    defs,
+                )
+            }
+            PipelineKey::ShadowSweep { float } => compute(
+                "shadow_sweep",
+                &shaders.shadow_sweep,
+                vec![self.shadow_field(float).clone(), self.shadow_sweep.clone()],
+                field_defs(float, 0),
+            ),
+            PipelineKey::TerrainShade {
+                float,
+                mesh,
+                shadowed,
+            } => {
                 let mut defs = shade_defs(&self.mesh_pipeline, mesh);
+                if shadowed {
+                    defs.push("TERRAIN_SHADOW".into());
+                }
                 defs.extend(field_defs(float, 2));
                 let view = self.mesh_pipeline.get_view_layout(mesh.into());
                 PipelineId::Render(cache.queue_render_pipeline(RenderPipelineDescriptor {
@@ -399,7 +501,7 @@ impl TerrainPipelines {
                         view.main_layout.clone(),
                         view.binding_array_layout.clone(),
                         self.field(float).clone(),
-                        self.terrain_shade.clone(),
+                        self.terrain_shade(shadowed).clone(),
                     ],
                     vertex: VertexState {
                         shader: shaders.terrain_shade.clone(),

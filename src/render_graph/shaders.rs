@@ -17,6 +17,9 @@ pub fn embed(app: &mut App) {
     load_shader_library!(app, "../../assets/shaders/boxes.wgsl");
     load_shader_library!(app, "../../assets/shaders/surface.wgsl");
     load_shader_library!(app, "../../assets/shaders/placement.wgsl");
+    load_shader_library!(app, "../../assets/shaders/light_rays.wgsl");
+    load_shader_library!(app, "../../assets/shaders/visibility.wgsl");
+    load_shader_library!(app, "../../assets/shaders/terrain_lighting.wgsl");
     embedded_asset!(app, "../../assets/shaders/height_mips.wgsl");
     embedded_asset!(app, "../../assets/shaders/subdivide.wgsl");
     embedded_asset!(app, "../../assets/shaders/box_entry.wgsl");
@@ -24,6 +27,8 @@ pub fn embed(app: &mut App) {
     embedded_asset!(app, "../../assets/shaders/ray_cast.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_depth.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_shade.wgsl");
+    embedded_asset!(app, "../../assets/shaders/terrain_shadow.wgsl");
+    embedded_asset!(app, "../../assets/shaders/shadow_sweep.wgsl");
 }
 
 /// Handles to the entry points.
@@ -36,6 +41,8 @@ pub struct Shaders {
     pub ray_cast: Handle<Shader>,
     pub terrain_depth: Handle<Shader>,
     pub terrain_shade: Handle<Shader>,
+    pub terrain_shadow: Handle<Shader>,
+    pub shadow_sweep: Handle<Shader>,
 }
 
 impl Shaders {
@@ -48,6 +55,11 @@ impl Shaders {
             ray_cast: load_embedded_asset!(assets, "../../assets/shaders/ray_cast.wgsl"),
             terrain_depth: load_embedded_asset!(assets, "../../assets/shaders/terrain_depth.wgsl"),
             terrain_shade: load_embedded_asset!(assets, "../../assets/shaders/terrain_shade.wgsl"),
+            terrain_shadow: load_embedded_asset!(
+                assets,
+                "../../assets/shaders/terrain_shadow.wgsl"
+            ),
+            shadow_sweep: load_embedded_asset!(assets, "../../assets/shaders/shadow_sweep.wgsl"),
         }
     }
 }

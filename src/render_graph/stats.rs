@@ -30,9 +30,34 @@ pub struct TerrainCounts {
     pub box_capacity: u64,
     /// Time the render world spent on terrain in the last frame. units: ms
     pub cpu_ms: f32,
+    /// What is known of shadow maps.
+    pub shadows: ShadowCounts,
     /// Why terrain cannot be drawn here at all, if so.
     pub unsupported: Option<String>,
     /// Height fields this GPU cannot hold, cameras it cannot serve: one sentence each.
+    pub refused: Vec<String>,
+}
+
+/// The shadow maps of all terrains in the last frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ShadowCounts {
+    /// Maps, one for each terrain and light.
+    pub maps: u64,
+    /// Those of them that show.
+    pub shown: u64,
+    /// Whether a map is out of date, seen or not.
+    pub waiting: bool,
+    /// Whether one is being made.
+    pub working: bool,
+    /// Whether nothing can be timed here, so that the time slice is a guess.
+    pub unmeasured: bool,
+    /// What a ray costs by the last measurements. units: ns
+    pub ns_per_ray: f32,
+    /// GPU memory held. units: bytes
+    pub bytes: u64,
+    /// Time the render world spent on planning. units: ms
+    pub cpu_ms: f32,
+    /// Lights that have no map here, and why: one sentence each.
     pub refused: Vec<String>,
 }
 

@@ -22,6 +22,7 @@ use crate::render_graph::{
     pipelines::{BOX_ENTRY_FORMAT, PipelineId, PipelineKey, TerrainPipelines},
     stats::TerrainStats,
     subdivide::COUNT_BYTES,
+    terrain_shadow::{TerrainShadows, maps::TerrainMaps},
 };
 
 /// Bind groups of one camera and terrain.
@@ -46,6 +47,7 @@ pub(super) struct BoundTo {
     tile_start: Option<BufferId>,
     drawn_depth: Option<TextureViewId>,
     albedo: TextureViewId,
+    visibility: Option<BufferId>,
 }
 
 /// Stand-ins for what a traversal doesn't use.
@@ -63,6 +65,7 @@ pub fn prepare_terrain_bind_groups(
     cache: Res<PipelineCache>,
     view_keys: Res<ViewKeyCache>,
     fields: Res<GpuHeightFields>,
+    shadows: Res<TerrainShadows>,
     images: Res<RenderAssets<GpuImage>>,
     fallback: Res<FallbackImage>,
     device: Res<RenderDevice>,
@@ -97,6 +100,7 @@ pub fn prepare_terrain_bind_groups(
             let Some(field) = slot.field.and_then(|id| fields.get(id)) else {
                 continue;
             };
+            let shadow = shadows.get(*terrain).filter(|maps| maps.show());
             let float = field.float;
             let mut compute = |key| match pipelines.get(&cache, key) {
                 PipelineId::Compute(id) => Some(id),
@@ -134,7 +138,13 @@ pub fn prepare_terrain_bind_groups(
                 motion: prepass.is_some_and(|textures| textures.motion_vectors.is_some()),
             });
             let terrain_shade =
-                mesh_key.and_then(|mesh| render(PipelineKey::TerrainShade { float, mesh }));
+                mesh_key.and_then(|mesh| {
+                    render(PipelineKey::TerrainShade {
+                        float,
+                        mesh,
+                        shadowed: shadow.is_some(),
+                    })
+                });
             slot.pipelines = match (ray_cast, terrain_depth) {
                 (Some(ray_cast), Some(terrain_depth)) => Some(SlotPipelines {
                     subdivide,
@@ -159,6 +169,7 @@ pub fn prepare_terrain_bind_groups(
                 tile_start: slot.tile_start.as_ref().map(|starts| starts[1].buffer.id()),
                 drawn_depth: drawn_depth.map(|depth| depth.id()),
                 albedo: albedo.texture_view.id(),
+                visibility: shadow.and_then(|maps| Some(maps.shown.as_ref()?.id())),
             };
             if slot.bound == Some(bound) {
                 continue;
@@ -172,6 +183,7 @@ pub fn prepare_terrain_bind_groups(
                     unused,
                     drawn_depth,
                     albedo,
+                    shadow,
                     device: &device,
                     cache: &cache,
                     pipelines: &pipelines,
@@ -190,6 +202,7 @@ struct BindInputs<'a> {
     unused: &'a Unused,
     drawn_depth: Option<&'a TextureView>,
     albedo: &'a GpuImage,
+    shadow: Option<&'a TerrainMaps>,
     device: &'a RenderDevice,
     cache: &'a PipelineCache,
     pipelines: &'a TerrainPipelines,
@@ -246,6 +259,27 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
             resource: depth.into_binding(),
         });
     }
+    let mut terrain_shade: Vec<BindGroupEntry> = BindGroupEntries::sequential((
+        &targets.depth_view,
+        &targets.surface_view,
+        slot.placement.binding()?,
+        slot.look.binding()?,
+        &inputs.albedo.texture_view,
+        &inputs.albedo.sampler,
+    ))
+    .to_vec();
+    if let Some(maps) = inputs.shadow {
+        terrain_shade.extend([
+            BindGroupEntry {
+                binding: 6,
+                resource: maps.table.binding()?,
+            },
+            BindGroupEntry {
+                binding: 7,
+                resource: maps.shown.as_ref()?.as_entire_binding(),
+            },
+        ]);
+    }
     Some(SlotBindGroups {
         field: device.create_bind_group(
             "skyline_field",
@@ -300,15 +334,8 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
         ),
         terrain_shade: device.create_bind_group(
             "skyline_terrain_shade",
-            &layout(&pipelines.terrain_shade),
-            &BindGroupEntries::sequential((
-                &targets.depth_view,
-                &targets.surface_view,
-                slot.placement.binding()?,
-                slot.look.binding()?,
-                &inputs.albedo.texture_view,
-                &inputs.albedo.sampler,
-            )),
+            &layout(pipelines.terrain_shade(inputs.shadow.is_some())),
+            &terrain_shade,
         ),
     })
 }
