@@ -22,6 +22,8 @@ mod ray_cast;
 mod terrain_app;
 #[path = "it/terrain_scenes.rs"]
 mod terrain_scenes;
+#[path = "it/terrain_shadow_twin.rs"]
+mod terrain_shadow_twin;
 #[path = "it/twin.rs"]
 mod twin;
 
