@@ -50,7 +50,7 @@
 //!
 //! **In the first cell**, t = s < 1, nothing is constant: the sample is its corner, c = 0 exactly, and the other
 //! corners' roundings, 2u P and 2u Q, come in by s. There g is W [s (2 (|d_y| + P|dₓ| + Q|d_z|) + R (|dₓ| + |d_z|))
-//! + s² R |dₓ d_z|]. Which cell is first is known but for the border's t, which is in g as a sideways error.
+//! + s² R |dₓ d_z|]: of P|dₓ| and Q|d_z| that is 2W for 18 + 2 + 22 = 42u or 18 + 2 + 45 = 65u. Which cell is first is known but for the border's t, which is in g as a sideways error.
 //!
 //! # Skipping
 //! What the GPU passes by unasked it has seen to be clear of the highest corner by 32u (y_mag + |t d_y|). The ray's

@@ -8,16 +8,18 @@
 //! Outside of the footprint all is air; the ground goes down without end. A ray straight up or down is lit unless
 //! the light is below the sample.
 //!
-//! [`ShadowTwin::judge`] asks the same of the surface lowered by the [guard] and raised by it. What a correct `f32`
-//! ray is above by, it is above of the lowered one; so it must be dark where even that is in the way, and must be lit
-//! where not even the raised one is. A guard of zero, as over flat ground with the sun on the horizon, changes
-//! nothing, and a ray that is zero above it is lit.
+//! [`ShadowTwin::judge`] asks the same of the surface lowered and raised by the [guard]. What a correct `f32` ray
+//! finds in its way lies in the raised ground and covers the lowered one: so a sample must be dark if even the lowered
+//! ground is in the way, and must be lit if not even the raised one is. Where the guard is zero, as over flat ground
+//! with the sun on the horizon, a ray of height zero is lit without a doubt.
 
 pub mod guard;
+mod tally;
 
 use bevy::math::{DVec2, DVec3, UVec2};
 
 use self::guard::ShadowGuard;
+pub use self::tally::{ShadowTally, WrongTexel};
 use super::{cell::Quadratic, guard::Steepness, surface::Surface};
 use crate::{
     terrain::{HeightSamples, view_rays::UNIT_ROUNDOFF},
@@ -422,95 +424,4 @@ fn steepest_way(below: Quadratic, t: f64, t_out: f64) -> f64 {
         }
     }
     ends
-}
-
-/// The GPU's answers to many samples, held against the twin's.
-#[derive(Clone, Debug, Default)]
-pub struct ShadowTally {
-    /// Samples that had to be lit, and are.
-    pub lit: usize,
-    /// Samples that had to be dark, and are.
-    pub dark: usize,
-    /// Samples inside the guard band, either answer being legal.
-    pub in_band: usize,
-    /// Samples whose answer no correct rounding explains.
-    pub wrong: Vec<WrongTexel>,
-}
-
-/// One sample's wrong answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WrongTexel {
-    /// Its column and row.
-    pub sample: UVec2,
-    /// What would have been right.
-    pub verdict: ShadowVerdict,
-    /// What came instead: 255 for lit, 0 for dark, and nothing else of a hard shadow.
-    pub visibility: u8,
-}
-
-impl ShadowTally {
-    /// Counts one sample of a map of hard shadows. Returns whether it is legal.
-    pub fn check(&mut self, sample: UVec2, verdict: ShadowVerdict, visibility: u8) -> bool {
-        match (verdict, visibility) {
-            (ShadowVerdict::Lit, 255) => self.lit += 1,
-            (ShadowVerdict::Dark, 0) => self.dark += 1,
-            (ShadowVerdict::InBand, 0 | 255) => self.in_band += 1,
-            _ => {
-                self.wrong.push(WrongTexel {
-                    sample,
-                    verdict,
-                    visibility,
-                });
-                return false;
-            }
-        }
-        true
-    }
-
-    /// All samples counted.
-    pub fn samples(&self) -> usize {
-        self.lit + self.dark + self.in_band + self.wrong.len()
-    }
-
-    /// Adds another's counts.
-    pub fn merge(&mut self, other: Self) {
-        self.lit += other.lit;
-        self.dark += other.dark;
-        self.in_band += other.in_band;
-        self.wrong.extend(other.wrong);
-    }
-
-    /// # Errors
-    /// In words, if any answer was wrong, if no sample was decided, or if more than this fraction of the samples was
-    /// in the guard band, where nothing but a grey is wrong.
-    pub fn verdict(&self, max_in_band_fraction: f64) -> Result<(), String> {
-        let (samples, in_band) = (self.samples(), self.in_band);
-        if let Some(first) = self.wrong.first() {
-            Err(format!(
-                "{} of {samples} samples are wrong; the first: {first:?}",
-                self.wrong.len()
-            ))
-        } else if self.lit + self.dark == 0 {
-            Err(format!(
-                "nothing was compared: {in_band} of {samples} samples are in the guard band"
-            ))
-        } else if in_band as f64 > max_in_band_fraction * samples as f64 {
-            Err(format!(
-                "{in_band} of {samples} samples are in the guard band: too many to mean anything"
-            ))
-        } else {
-            Ok(())
-        }
-    }
-
-    /// Panics with [`verdict`](Self::verdict)'s words.
-    ///
-    /// # Panics
-    /// For tests: if the comparison failed, or compared too little.
-    #[track_caller]
-    pub fn assert_ok(&self, max_in_band_fraction: f64) {
-        if let Err(why) = self.verdict(max_in_band_fraction) {
-            panic!("{why}");
-        }
-    }
 }
