@@ -25,6 +25,8 @@ mod terrain_scenes;
 #[cfg(feature = "cli")]
 #[path = "it/terrain_shadow.rs"]
 mod terrain_shadow;
+#[path = "it/terrain_shadow_twin.rs"]
+mod terrain_shadow_twin;
 #[path = "it/twin.rs"]
 mod twin;
 

@@ -4,7 +4,8 @@
 // Line k meets column n of the sweep at row k + n m, between samples whose heights are blended. A sample lies between
 // two lines, and so does its ray all the way: the shadow over it is blended from theirs. On a plane that is exact,
 // so one that faces the light has no acne; elsewhere what is off is the ground's unevenness from one line to the next.
-// An invocation follows both lines of its samples.
+// An invocation follows both lines of its samples. Between columns a line crosses a row of samples, at most one as
+// |m| <= 1, where the ground has an edge too.
 //
 // With a disc two shadows are carried, of its lower and its upper edge: a sample between the two sees a part of
 // it, told exactly where both are cast by the same edge.
@@ -39,27 +40,21 @@ fn at_of(column: i32, row: i32) -> vec2<i32> {
     return select(vec2(row, column), vec2(column, row), sweep.along_x == 1u);
 }
 
-/// What casts the shadow: its height, and at which step it stood.
-struct Edge {
-    height: f32,
-    step: i32,
+/// What casts the shadows of two lines: its height, and at which step it stood.
+struct Edges {
+    height: vec2<f32>,
+    step: vec2<f32>,
 };
 
-/// Height of an edge's shadow at a step.
-fn shadow_of(edge: Edge, step: i32, drop: f32) -> f32 {
-    return edge.height - f32(step - edge.step) * drop;
+/// Height of their shadow at a step.
+fn shadow_of(edges: Edges, step: f32, drop: f32) -> vec2<f32> {
+    return edges.height - (step - edges.step) * drop;
 }
 
-/// The edges of two lines after a step at which their ground may have risen above their shadow.
-fn raised(edges: array<Edge, 2>, shadow: vec2<f32>, heights: vec2<f32>, step: i32) -> array<Edge, 2> {
-    var out = edges;
-    if heights.x >= shadow.x {
-        out[0] = Edge(heights.x, step);
-    }
-    if heights.y >= shadow.y {
-        out[1] = Edge(heights.y, step);
-    }
-    return out;
+/// The edges after a step at which the ground may have risen above their shadow.
+fn raised(edges: Edges, heights: vec2<f32>, step: f32, drop: f32) -> Edges {
+    let above = heights >= shadow_of(edges, step, drop);
+    return Edges(select(edges.height, heights, above), select(edges.step, vec2(step), above));
 }
 
 @compute @workgroup_size(64, 1, 1)
@@ -81,10 +76,12 @@ fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
         last = min(last, i32(ceil(max(a, b))) + 1);
     }
     let base = light.y_max;
-    let none = Edge(-1e9, first);
-    var middle = array(none, none);
-    var low = array(none, none);
-    var high = array(none, none);
+    let none = Edges(vec2(-1e9), vec2(f32(first)));
+    var middle = none;
+    var low = none;
+    var high = none;
+    var before = vec3(-1e9);
+    var floor_before = 0.0;
     for (var n = first; n <= last; n++) {
         let offset = f32(n) * sweep.m;
         let whole = floor(offset);
@@ -103,16 +100,33 @@ fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
         let height = select(h1, h0, at_line);
         let heights = mix(vec2(h0, h1), vec2(h1, h2), beside);
         let between = select(1.0 - beside, 0.0, at_line);
+        let step = f32(n);
+        if before.x > -1e9 && whole != floor_before {
+            // Both lines have crossed a row since the last column.
+            let up = whole > floor_before;
+            let crossed = select(floor_before, whole, up);
+            let at = clamp((crossed - (offset - sweep.m)) / sweep.m, 0.0, 1.0);
+            let row_heights = mix(select(before.xy, before.yz, up), select(vec2(h1, h2), vec2(h0, h1), up), at);
+            let crossing = step - 1.0 + at;
+            if light.strips == 0u {
+                middle = raised(middle, row_heights, crossing, sweep.drop);
+            } else {
+                low = raised(low, row_heights, crossing, sweep.drop_low);
+                high = raised(high, row_heights, crossing, sweep.drop_high);
+            }
+        }
+        before = vec3(h0, h1, h2);
+        floor_before = whole;
         var share = 0u;
         if light.strips == 0u {
-            let shadow = vec2(shadow_of(middle[0], n, sweep.drop), shadow_of(middle[1], n, sweep.drop));
+            let shadow = shadow_of(middle, step, sweep.drop);
             if height >= mix(shadow.x, shadow.y, between) {
                 share = 255u;
             }
-            middle = raised(middle, shadow, heights, n);
+            middle = raised(middle, heights, step, sweep.drop);
         } else {
-            let low_shadow = vec2(shadow_of(low[0], n, sweep.drop_low), shadow_of(low[1], n, sweep.drop_low));
-            let high_shadow = vec2(shadow_of(high[0], n, sweep.drop_high), shadow_of(high[1], n, sweep.drop_high));
+            let low_shadow = shadow_of(low, step, sweep.drop_low);
+            let high_shadow = shadow_of(high, step, sweep.drop_high);
             let shadow_low = mix(low_shadow.x, low_shadow.y, between);
             let shadow_high = mix(high_shadow.x, high_shadow.y, between);
             if height >= shadow_low {
@@ -122,8 +136,8 @@ fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
                 let part = cap_area(abs(level), -1.0, 1.0) / 3.14159265;
                 share = u32(round(255.0 * select(1.0 - part, part, level >= 0.0)));
             }
-            low = raised(low, low_shadow, heights, n);
-            high = raised(high, high_shadow, heights, n);
+            low = raised(low, heights, step, sweep.drop_low);
+            high = raised(high, heights, step, sweep.drop_high);
         }
         if sample < 0 {
             continue;

@@ -4,3 +4,5 @@
 pub mod cell;
 pub mod guard;
 pub mod ray_cast;
+pub mod surface;
+pub mod terrain_shadow;

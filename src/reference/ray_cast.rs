@@ -16,16 +16,15 @@
 use bevy::math::{DVec2, DVec3, UVec2, Vec2, Vec3Swizzles};
 
 use super::{
-    cell::{Patch, Quadratic},
+    cell::Quadratic,
     guard::{RayMagnitude, Steepness, depth_error},
+    surface::Surface,
 };
-use crate::terrain::{HeightField, HeightSamples, view_rays::ViewRays};
+use crate::terrain::{HeightField, view_rays::ViewRays};
 
 /// A height field to cast rays through.
 pub struct Twin<'a> {
-    samples: &'a HeightSamples,
-    width: usize,
-    cells: UVec2,
+    surface: Surface<'a>,
     /// Of the whole field, heights as stored.
     steepest: Steepness,
     lowest: f64,
@@ -207,57 +206,14 @@ fn when_inside(
 impl<'a> Twin<'a> {
     /// Looks at every sample once, for the steepest slope.
     pub fn new(field: &'a HeightField) -> Self {
-        let samples = field.samples();
-        let width = field.size().x as usize;
-        let steepest = match samples {
-            HeightSamples::U16(samples) => steepest(samples, width),
-            HeightSamples::F32(samples) => steepest(samples, width),
-        };
+        let surface = Surface::new(field.samples(), field.size());
         let (highest, lowest) = field.pyramid().top();
         Self {
-            samples,
-            width,
-            cells: field.cells(),
-            steepest,
+            surface,
+            steepest: surface.steepest(),
             lowest,
             highest,
         }
-    }
-
-    fn height(&self, i: usize, j: usize) -> f64 {
-        let index = j * self.width + i;
-        match self.samples {
-            HeightSamples::U16(samples) => f64::from(samples[index]),
-            HeightSamples::F32(samples) => f64::from(samples[index]),
-        }
-    }
-
-    fn patch(&self, cell: UVec2, anchor_y: f64) -> Patch {
-        let (i, j) = (cell.x as usize, cell.y as usize);
-        let corners = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
-        Patch {
-            corners: corners.map(|(i, j)| self.height(i, j) - anchor_y),
-        }
-    }
-
-    /// Steepest slopes of the 3×3 cells around one.
-    fn steepness(&self, cell: UVec2, anchor_y: f64) -> Steepness {
-        let low = cell.saturating_sub(UVec2::ONE);
-        let high = (cell + 2).min(self.cells);
-        let mut near = Steepness::default();
-        for j in low.y as usize..=high.y as usize {
-            for i in low.x as usize..=high.x as usize {
-                let height = self.height(i, j);
-                near.height = near.height.max((height - anchor_y).abs());
-                if i < high.x as usize {
-                    near.x = near.x.max((self.height(i + 1, j) - height).abs());
-                }
-                if j < high.y as usize {
-                    near.z = near.z.max((self.height(i, j + 1) - height).abs());
-                }
-            }
-        }
-        near
     }
 
     /// The first hit of a ray at 0 ≤ t ≤ `t_max`. `origin` and `direction` are in grid space, `origin` relative to
@@ -274,7 +230,7 @@ impl<'a> Twin<'a> {
             direction,
             anchor_y: anchor.y,
         };
-        let cells = self.cells.as_dvec2();
+        let cells = self.surface.cells.as_dvec2();
         let window = when_inside(ray.origin, direction, cells, 0.0, Default::default());
         let mut search = [Search {
             side: 0.0,
@@ -304,7 +260,7 @@ impl<'a> Twin<'a> {
         };
         let size = RayMagnitude::new(rays, pixel);
         let error = size.position_error();
-        let cells = self.cells.as_dvec2();
+        let cells = self.surface.cells.as_dvec2();
         let [shrunk, exact, grown] =
             [-1.0, 0.0, 1.0].map(|side| when_inside(ray.origin, direction, cells, side, error));
         let inside = |window: Window| window.0 <= 0.0 && window.1 >= 0.0;
@@ -361,7 +317,7 @@ impl<'a> Twin<'a> {
         if !comes_in_time || !end.is_finite() && d == DVec3::ZERO {
             return None;
         }
-        let last = self.cells - 1;
+        let last = self.surface.cells - 1;
         let start = (o + t * d).xz().floor().clamp(DVec2::ZERO, last.as_dvec2());
         let mut cell = start.as_uvec2();
         let steepest = Steepness {
@@ -407,12 +363,12 @@ impl<'a> Twin<'a> {
                     f64::INFINITY
                 }
             });
-            let patch = self.patch(cell, ray.anchor_y);
+            let patch = self.surface.patch(cell, ray.anchor_y);
             let above = y.min(y_out) > patch.max() + worst;
             let below = y.max(y_out) < patch.min() - worst;
             if (any_air || !below) && (any_ground || !above) {
                 let guard = size.map_or(Quadratic::default(), |size| {
-                    size.guard(&self.steepness(cell, ray.anchor_y), t, span)
+                    size.guard(&self.surface.steepness(cell, ray.anchor_y), t, span)
                 });
                 let at = o + t * d;
                 let corner = cell.as_dvec2();
@@ -467,12 +423,13 @@ impl<'a> Twin<'a> {
         let (o, d) = rays.ray(pixel);
         let point = o + t * d;
         let anchor = rays.anchor.as_dvec2();
-        let cells = self.cells.as_dvec2();
+        let cells = self.surface.cells.as_dvec2();
         let at = (point.xz() + anchor).clamp(DVec2::ZERO, cells);
         let height = |at: DVec2| {
             let cell = at.floor().min(cells - 1.0);
             let part = at - cell;
-            self.patch(cell.as_uvec2(), f64::from(rays.anchor_y))
+            self.surface
+                .patch(cell.as_uvec2(), f64::from(rays.anchor_y))
                 .height(part.x, part.y)
         };
         let clip_from_grid = rays.clip_from_grid.as_dmat4();
@@ -498,24 +455,6 @@ impl<'a> Twin<'a> {
             .map(|wall| distance(grid(wall, point.y)))
             .fold(distance(grid(at, height(at))), f64::min)
     }
-}
-
-/// Largest differences between neighbouring samples.
-fn steepest<T: Copy + Into<f64>>(samples: &[T], width: usize) -> Steepness {
-    let mut steepest = Steepness::default();
-    let mut previous: Option<&[T]> = None;
-    for row in samples.chunks_exact(width) {
-        for pair in row.windows(2) {
-            steepest.x = steepest.x.max((pair[1].into() - pair[0].into()).abs());
-        }
-        if let Some(previous) = previous {
-            for (&a, &b) in previous.iter().zip(row) {
-                steepest.z = steepest.z.max((b.into() - a.into()).abs());
-            }
-        }
-        previous = Some(row);
-    }
-    steepest
 }
 
 /// The GPU's answers to many rays, held against the twin's.
