@@ -15,16 +15,13 @@
 
 /// Nodes of level k along x and z.
 fn level_size(k: u32) -> vec2<i32> {
-    return (field.cells + vec2(i32((1u << k) - 1u))) >> vec2(k);
-}
-
-fn level_offset(k: u32) -> u32 {
-    return field.level_offset[k >> 2u][k & 3u];
+    return vec2<i32>(field.level[k].yz);
 }
 
 /// Highest (x) and lowest (y) sample of a node of level k >= 1, relative to the height `base`.
 fn node_range(k: u32, node: vec2<i32>, base: f32) -> vec2<f32> {
-    let index = level_offset(k) + u32(node.y * level_size(k).x + node.x);
+    let level = field.level[k];
+    let index = level.x + u32(node.y) * level.y + u32(node.x);
 #ifdef HEIGHT_F32
     return pyramid[index] - base;
 #else

@@ -74,31 +74,31 @@ fn cell_at(ray: Ray, t: f32) -> vec2<i32> {
 /// The cell after the ray has left, at time `t`, the node of level `k` that holds `cell`, where `leave`
 /// are the times of the node's far borders. Ties cross x first, as stepping cell by cell does.
 fn next_cell(ray: Ray, cell: vec2<i32>, k: u32, leave: vec2<f32>) -> vec2<i32> {
-    let node = cell >> vec2(k);
-    let low = node << vec2(k);
+    let low = (cell >> vec2(k)) << vec2(k);
     let high = low + vec2(i32(1u << k) - 1);
-    let way = 2 * ray.ahead - 1;
+    let beyond = select(low - 1, high + 1, ray.ahead == vec2(1));
     let crosses_x = leave.x <= leave.y;
-    if crosses_x {
-        var z = cell.y;
-        if k > 0u && ray.moves.y {
-            let t = leave.x;
-            z = clamp(i32(floor(ray.origin.z + t * ray.direction.z)) + ray.anchor.y, low.y, high.y);
-            let entered = border_t(ray, vec2(0, z + 1 - ray.ahead.y)).y;
-            let left = border_t(ray, vec2(0, z + ray.ahead.y)).y;
-            z = clamp(z + select(0, way.y, left < t) - select(0, way.y, entered >= t), low.y, high.y);
-        }
-        return vec2(select(low.x - 1, high.x + 1, ray.ahead.x == 1), z);
+    // Where it is then on the other axis: one path for both, as invocations run in step.
+    var other = select(cell.x, cell.y, crosses_x);
+    if k > 0u && select(ray.moves.x, ray.moves.y, crosses_x) {
+        let t = min(leave.x, leave.y);
+        let origin = select(ray.origin.x, ray.origin.z, crosses_x);
+        let inverse = select(ray.inverse.x, ray.inverse.y, crosses_x);
+        let anchor = select(ray.anchor.x, ray.anchor.y, crosses_x);
+        let ahead = select(ray.ahead.x, ray.ahead.y, crosses_x);
+        let least = select(low.x, low.y, crosses_x);
+        let most = select(high.x, high.y, crosses_x);
+        let direction = select(ray.direction.x, ray.direction.z, crosses_x);
+        other = clamp(i32(floor(origin + t * direction)) + anchor, least, most);
+        // As `border_t` has them.
+        let entered = min((f32(other + 1 - ahead - anchor) - origin) * inverse, T_NEVER);
+        let left = min((f32(other + ahead - anchor) - origin) * inverse, T_NEVER);
+        let leaves = select(left <= t, left < t, crosses_x);
+        let enters = select(entered > t, entered >= t, crosses_x);
+        let way = 2 * ahead - 1;
+        other = clamp(other + select(0, way, leaves) - select(0, way, enters), least, most);
     }
-    var x = cell.x;
-    if k > 0u && ray.moves.x {
-        let t = leave.y;
-        x = clamp(i32(floor(ray.origin.x + t * ray.direction.x)) + ray.anchor.x, low.x, high.x);
-        let entered = border_t(ray, vec2(x + 1 - ray.ahead.x, 0)).x;
-        let left = border_t(ray, vec2(x + ray.ahead.x, 0)).x;
-        x = clamp(x + select(0, way.x, left <= t) - select(0, way.x, entered > t), low.x, high.x);
-    }
-    return vec2(x, select(low.y - 1, high.y + 1, ray.ahead.y == 1));
+    return select(vec2(other, beyond.y), vec2(beyond.x, other), crosses_x);
 }
 
 /// Height of a ray above one cell's bilinear patch as a polynomial of s = t - t_in.

@@ -16,8 +16,8 @@ struct Field {
     cells: vec2<i32>,
     /// Levels stored in the pyramid; level `levels` is one node.
     levels: u32,
-    /// Where each level starts in the pyramid, four to a vector.
-    level_offset: array<vec4<u32>, 8>,
+    /// Of each level: where it starts in the pyramid, and its nodes along x and z.
+    level: array<vec4<u32>, 32>,
 };
 
 /// One terrain as one camera sees it. Mirrors `GpuTerrainView`.

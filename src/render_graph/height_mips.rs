@@ -52,7 +52,7 @@ pub struct GpuMipLevel {
 pub struct GpuField {
     cells: IVec2,
     levels: u32,
-    level_offset: [UVec4; 8],
+    level: [UVec4; 32],
 }
 
 /// A height field on the GPU.
@@ -213,15 +213,15 @@ impl GpuHeightField {
             mapped_at_creation: false,
         });
         let level_offsets = offsets(pyramid);
-        let mut level_offset = [UVec4::ZERO; 8];
-        for (i, offset) in level_offsets.iter().enumerate() {
-            // Level k is `level_offsets[k - 1]`.
-            level_offset[(i + 1) / 4][(i + 1) % 4] = *offset;
+        let mut level = [UVec4::ZERO; 32];
+        for (k, offset) in (1..).zip(&level_offsets) {
+            let nodes = pyramid.level_size(k);
+            level[k as usize] = UVec4::new(*offset, nodes.x, nodes.y, 0);
         }
         let mut uniform = UniformBuffer::from(GpuField {
             cells: field.cells().as_ivec2(),
             levels: level_offsets.len() as u32,
-            level_offset,
+            level,
         });
         uniform.set_label(Some("skyline_field"));
         uniform.write_buffer(device, queue);
