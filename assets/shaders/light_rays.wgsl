@@ -11,7 +11,7 @@
 #import bevy_skyline::types::T_NEVER
 #import bevy_skyline::height_field::{cell_corners, field, node_range, sample_height}
 #import bevy_skyline::rays::{
-    Above, Place, Ray, above_cell, clears_cell, exit_of, height_guard, height_of, move_on, ray_along,
+    Above, Place, Ray, above_cell, border_t, clears_cell, exit_of, height_guard, height_of, move_on, ray_along,
 }
 
 /// Mirrors `GpuShadowLight`.
@@ -82,11 +82,21 @@ fn ray_toward(at: vec2<i32>, height: f32, way: vec3<f32>) -> LightRay {
 
 /// The ray to the middle of the light.
 fn ray_to_light(at: vec2<i32>, height: f32) -> LightRay {
-    var out = ray_toward(at, height, way_to_light(at, height));
-    if light.kind == LIGHT_DIRECTIONAL {
-        // As it was composed in double precision.
-        out.ray.inverse = light.inverse;
+    if light.kind == LIGHT_POINT {
+        return ray_toward(at, height, way_to_light(at, height));
     }
+    // As it was composed in double precision.
+    var out: LightRay;
+    out.t_end = T_NEVER;
+    out.upright = all(light.direction.xz == vec2(0.0));
+    out.ray.direction = light.direction;
+    out.ray.inverse = light.inverse;
+    out.ray.moves = light.inverse != vec2(0.0);
+    out.ray.ahead = select(vec2(0), vec2(1), light.direction.xz >= vec2(0.0));
+    out.ray.anchor = at;
+    out.ray.anchor_y = height;
+    out.ray.y_max = light.y_max - height;
+    out.ray.y_magnitude = light.y_magnitude;
     return out;
 }
 
@@ -99,10 +109,25 @@ fn first_place(ray: Ray, going: ptr<function, bool>) -> Place {
     return Place(cell, 0u, 0.0);
 }
 
-/// The ray's height above a cell, cut off at the light. Over the first cell it begins at nothing.
+/// The ray's height above its first cell, cut off at the light. It begins at a corner, with nothing.
+fn above_first(ray: Ray, corners: vec4<f32>, t_end: f32) -> Above {
+    let d = ray.direction;
+    // Where it doesn't move it may be in either of two cells, of which `first_place` takes one.
+    let at = select(vec2(1.0), vec2(0.0), ray.ahead == vec2(1) & (ray.moves | ray.anchor < field.cells));
+    let p = corners.y - corners.x;
+    let q = corners.z - corners.x;
+    let r = (corners.w - corners.z) - p;
+    let left = border_t(ray, ray.anchor - 1 + 2 * ray.ahead);
+    var above: Above;
+    above.s_max = min(min(left.x, left.y), t_end);
+    above.b = d.y - p * d.x - q * d.z - r * (at.x * d.z + at.y * d.x);
+    above.a = -r * d.x * d.z;
+    return above;
+}
+
+/// The ray's height above another cell, cut off at the light.
 fn above_until(ray: Ray, cell: vec2<i32>, corners: vec4<f32>, t_end: f32) -> Above {
     var above = above_cell(ray, cell, corners);
-    above.c = select(above.c, 0.0, above.t_in == 0.0);
     above.s_max = min(above.s_max, max(t_end - above.t_in, 0.0));
     return above;
 }
@@ -139,13 +164,18 @@ fn is_lit(to_light: LightRay, highest: u32) -> bool {
     }
     var going = false;
     var place = first_place(ray, &going);
-    while going {
+    if !going {
+        return true;
+    }
+    if dips(above_first(ray, cell_corners(place.cell, ray.anchor_y), to_light.t_end)) {
+        return false;
+    }
+    while next_near_cell(ray, &place, to_light.t_end, highest) {
         let corners = cell_corners(place.cell, ray.anchor_y);
         let above = above_until(ray, place.cell, corners, to_light.t_end);
         if !clears_cell(ray, above, corners) && dips(above) {
             return false;
         }
-        going = next_near_cell(ray, &place, to_light.t_end, highest);
     }
     return true;
 }
@@ -177,16 +207,24 @@ fn horizon(to_light: LightRay, lowest: f32, most: f32, highest: u32) -> f32 {
     ray.direction.y = lowest;
     var going = false;
     var place = first_place(ray, &going);
-    while going {
-        let corners = cell_corners(place.cell, ray.anchor_y);
-        let above = above_until(ray, place.cell, corners, to_light.t_end);
-        if !clears_cell(ray, above, corners) && dips(above) {
+    if !going {
+        return lowest;
+    }
+    var above = above_first(ray, cell_corners(place.cell, ray.anchor_y), to_light.t_end);
+    var near = true;
+    loop {
+        if near && dips(above) {
             ray.direction.y = max(ray.direction.y, slope_in_cell(ray, above));
             if ray.direction.y >= most {
                 break;
             }
         }
-        going = next_near_cell(ray, &place, to_light.t_end, highest);
+        if !next_near_cell(ray, &place, to_light.t_end, highest) {
+            break;
+        }
+        let corners = cell_corners(place.cell, ray.anchor_y);
+        above = above_until(ray, place.cell, corners, to_light.t_end);
+        near = !clears_cell(ray, above, corners);
     }
     return ray.direction.y;
 }
