@@ -139,21 +139,31 @@ fn dips(above: Above) -> bool {
     return above.c < 0.0 || end < 0.0 || (turns && above.b * above.b > 4.0 * above.a * above.c);
 }
 
-/// Walks on over nodes that the ray stays clear of, down to the next cell. Returns whether there is one.
-fn next_near_cell(ray: Ray, place: ptr<function, Place>, t_end: f32, highest: u32) -> bool {
+/// What a walk over nodes comes to.
+const WAY_FREE: u32 = 0u;
+const WAY_TO_CELL: u32 = 1u;
+const WAY_BLOCKED: u32 = 2u;
+
+/// Walks on over nodes that the ray stays clear of, down to the next cell that it may not be clear of. A ray that
+/// enters a node below its lowest sample is blocked.
+fn walk(ray: Ray, place: ptr<function, Place>, t_end: f32, highest: u32) -> u32 {
     var going = move_on(ray, place, exit_of(ray, *place), t_end, highest);
     while going && (*place).k > 0u {
         let exit = exit_of(ray, *place);
         let t_leave = min(exit.t.x, exit.t.y);
         let range = node_range((*place).k, (*place).cell >> vec2((*place).k), ray.anchor_y);
-        let low = min(height_of(ray, (*place).t), height_of(ray, t_leave));
-        if low > range.x + height_guard(ray, min(t_leave, t_end)) {
+        let entry = height_of(ray, (*place).t);
+        let guard = height_guard(ray, min(t_leave, t_end));
+        if entry < range.y - guard {
+            return WAY_BLOCKED;
+        }
+        if min(entry, height_of(ray, t_leave)) > range.x + guard {
             going = move_on(ray, place, exit, t_end, highest);
         } else {
             (*place).k -= 1u;
         }
     }
-    return going;
+    return select(WAY_FREE, WAY_TO_CELL, going);
 }
 
 /// Whether nothing of the ray lies below the surface. `highest` level 0 tests every cell on the way.
@@ -170,7 +180,11 @@ fn is_lit(to_light: LightRay, highest: u32) -> bool {
     if dips(above_first(ray, cell_corners(place.cell, ray.anchor_y), to_light.t_end)) {
         return false;
     }
-    while next_near_cell(ray, &place, to_light.t_end, highest) {
+    loop {
+        let way = walk(ray, &place, to_light.t_end, highest);
+        if way != WAY_TO_CELL {
+            return way == WAY_FREE;
+        }
         let corners = cell_corners(place.cell, ray.anchor_y);
         let above = above_until(ray, place.cell, corners, to_light.t_end);
         if !clears_cell(ray, above, corners) && dips(above) {
@@ -219,9 +233,12 @@ fn horizon(to_light: LightRay, lowest: f32, most: f32, highest: u32) -> f32 {
                 break;
             }
         }
-        if !next_near_cell(ray, &place, to_light.t_end, highest) {
+        let way = walk(ray, &place, to_light.t_end, highest);
+        if way == WAY_FREE {
             break;
         }
+        // However high it rises, the surface has to be found cell by cell.
+        place.k = 0u;
         let corners = cell_corners(place.cell, ray.anchor_y);
         above = above_until(ray, place.cell, corners, to_light.t_end);
         near = !clears_cell(ray, above, corners);
