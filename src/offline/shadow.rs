@@ -150,73 +150,76 @@ impl Offline {
         let Some(render) = self.app.get_sub_app_mut(RenderApp) else {
             return Err(OfflineError::NoDevice);
         };
-        let made = render.world_mut().try_resource_scope(
-            |world, mut pipelines: Mut<TerrainPipelines>| {
-                let (device, queue, cache, fields, stats) = (
-                    world.get_resource::<RenderDevice>()?,
-                    world.get_resource::<RenderQueue>()?,
-                    world.get_resource::<PipelineCache>()?,
-                    world.get_resource::<GpuHeightFields>()?,
-                    world.get_resource::<TerrainStats>()?,
-                );
-                let field = fields.get(id).filter(|field| field.is_settled())?;
-                let grid = TileGrid::over(light.reached(field.size)?);
-                let sweep = (method == ShadowMethod::Sweep)
-                    .then(|| SweepPath::new(light, field.size))
-                    .flatten()
-                    .map(|path| path.lines);
-                let wanted = MadeFor {
-                    light: *light,
-                    method: match method {
-                        ShadowMethod::Sweep if sweep.is_none() => ShadowMethod::MaxMip,
-                        method => method,
-                    },
-                    strips: if light.radius == 0.0 { 0 } else { strips },
-                    heights: 0,
-                };
-                let mut making = Making::new(grid.len(), device, queue);
-                let mut times = Vec::with_capacity(runs);
-                for _ in 0..runs.max(1) {
-                    let mut plan = MapPlan::new(grid);
-                    let step = plan.step(&wanted, sweep.clone(), u64::MAX, |_| true);
-                    debug_assert!(step.work != Work::None);
-                    let pipeline =
-                        Making::pipeline(&wanted, &step.work, field.float, &mut pipelines, cache)?;
-                    let pipeline = cache.get_compute_pipeline(pipeline)?;
-                    making.prepare(
-                        &wanted,
-                        &plan,
-                        &step,
-                        field,
-                        (heights.1, heights.0),
-                        &pipelines,
-                        cache,
-                        device,
-                        queue,
+        let made =
+            render
+                .world_mut()
+                .try_resource_scope(|world, mut pipelines: Mut<TerrainPipelines>| {
+                    let (device, queue, cache, fields, stats) = (
+                        world.get_resource::<RenderDevice>()?,
+                        world.get_resource::<RenderQueue>()?,
+                        world.get_resource::<PipelineCache>()?,
+                        world.get_resource::<GpuHeightFields>()?,
+                        world.get_resource::<TerrainStats>()?,
                     );
-                    let mut encoder = device.create_command_encoder(&default());
-                    let listed = plan.list().len() as u32;
-                    making.record(&step, listed, pipeline, &mut encoder, None, stats);
-                    // What was written to the GPU's buffers above is not part of the time.
-                    queue.submit([]);
-                    device.poll(PollType::wait_indefinitely()).ok()?;
-                    let start = Instant::now();
-                    queue.submit([encoder.finish()]);
-                    device.poll(PollType::wait_indefinitely()).ok()?;
-                    times.push(start.elapsed().as_secs_f64() * 1e3);
-                }
-                Some((field.size, grid, making, times))
-            },
-        );
+                    let field = fields.get(id).filter(|field| field.is_settled())?;
+                    let grid = TileGrid::over(light.reached(field.size)?);
+                    let sweep = (method == ShadowMethod::Sweep)
+                        .then(|| SweepPath::new(light, field.size))
+                        .flatten()
+                        .map(|path| path.lines);
+                    let wanted = MadeFor {
+                        light: *light,
+                        method: match method {
+                            ShadowMethod::Sweep if sweep.is_none() => ShadowMethod::MaxMip,
+                            method => method,
+                        },
+                        strips: if light.radius == 0.0 { 0 } else { strips },
+                        heights: 0,
+                    };
+                    let mut making = Making::new(grid.len(), device, queue);
+                    let mut times = Vec::with_capacity(runs);
+                    for _ in 0..runs.max(1) {
+                        let mut plan = MapPlan::new(grid);
+                        let step = plan.step(&wanted, sweep.clone(), u64::MAX, |_| true);
+                        debug_assert!(step.work != Work::None);
+                        let pipeline = Making::pipeline(
+                            &wanted,
+                            &step.work,
+                            field.float,
+                            &mut pipelines,
+                            cache,
+                        )?;
+                        let pipeline = cache.get_compute_pipeline(pipeline)?;
+                        making.prepare(
+                            &wanted,
+                            &plan,
+                            &step,
+                            field,
+                            (heights.1, heights.0),
+                            &pipelines,
+                            cache,
+                            device,
+                            queue,
+                        );
+                        let mut encoder = device.create_command_encoder(&default());
+                        let listed = plan.list().len() as u32;
+                        making.record(&step, listed, pipeline, &mut encoder, None, stats);
+                        // What was written to the GPU's buffers above is not part of the time.
+                        queue.submit([]);
+                        device.poll(PollType::wait_indefinitely()).ok()?;
+                        let start = Instant::now();
+                        queue.submit([encoder.finish()]);
+                        device.poll(PollType::wait_indefinitely()).ok()?;
+                        times.push(start.elapsed().as_secs_f64() * 1e3);
+                    }
+                    Some((field.size, grid, making, times))
+                });
         let Some((size, grid, making, times)) = made.flatten() else {
             return Ok(None);
         };
         let bytes = self.read_back(grid.bytes(), |encoder, to| {
             encoder.copy_buffer_to_buffer(&making.visibility, 0, to, 0, grid.bytes());
         })?;
-        Ok(Some((
-            ShadowImage::from_tiles(size, grid, &bytes),
-            times,
-        )))
+        Ok(Some((ShadowImage::from_tiles(size, grid, &bytes), times)))
     }
 }

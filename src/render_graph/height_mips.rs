@@ -254,7 +254,9 @@ impl GpuHeightField {
         }
         let nodes = (self.size - 1).map(|cells| cells.div_ceil(TILE));
         let node = (samples.min / TILE).min(nodes - 1);
-        let &(low, high) = self.tile_heights.get((node.y * nodes.x + node.x) as usize)?;
+        let &(low, high) = self
+            .tile_heights
+            .get((node.y * nodes.x + node.x) as usize)?;
         Some((f64::from(low), f64::from(high)))
     }
 

@@ -2,13 +2,7 @@
 
 use core::ops::Range;
 
-use bevy::{
-    asset::AssetId,
-    light::SunDisk,
-    math::DAffine3,
-    prelude::*,
-    render::Extract,
-};
+use bevy::{asset::AssetId, light::SunDisk, math::DAffine3, prelude::*, render::Extract};
 
 use super::TerrainShadows;
 use crate::{
@@ -154,4 +148,3 @@ pub fn extract_shadows(
         });
     }
 }
-

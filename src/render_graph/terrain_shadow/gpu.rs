@@ -231,7 +231,10 @@ impl Making {
     }
 
     /// Hands a step's numbers to the GPU, and binds what is not bound.
-    #[expect(clippy::too_many_arguments, reason = "each is one thing the step is made of")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "each is one thing the step is made of"
+    )]
     pub fn prepare(
         &mut self,
         made_for: &MadeFor,

@@ -173,8 +173,8 @@ impl TerrainMaps {
 
     /// What a light's map is to be made for.
     pub fn wanted(&self, terrain: &ExtractedShadow, light: &GridLight) -> MadeFor {
-        let sweeps = terrain.method == ShadowMethod::Sweep
-            && SweepPath::new(light, terrain.size).is_some();
+        let sweeps =
+            terrain.method == ShadowMethod::Sweep && SweepPath::new(light, terrain.size).is_some();
         let hard = light.radius == 0.0 || terrain.strips == 0;
         MadeFor {
             light: *light,
@@ -205,12 +205,18 @@ impl TerrainMaps {
         self.refused = None;
         let mut moved = false;
         for light in lights {
-            let reached = light.light.is_usable().then(|| light.light.reached(terrain.size));
+            let reached = light
+                .light
+                .is_usable()
+                .then(|| light.light.reached(terrain.size));
             let Some(samples) = reached.flatten() else {
                 continue;
             };
             let grid = TileGrid::over(samples);
-            let known = self.lights.iter().position(|map| map.entity == light.entity);
+            let known = self
+                .lights
+                .iter()
+                .position(|map| map.entity == light.entity);
             match known {
                 Some(index) => {
                     let map = &mut self.lights[index];

@@ -113,9 +113,7 @@ pub fn prepare_terrain_shadows(
         maps.planned = None;
         maps.follow(terrain, lights, &device, &queue);
         // Heights of this frame are on the GPU, but their pyramid is not computed yet.
-        let field = fields
-            .get(terrain.field)
-            .filter(|field| field.is_settled());
+        let field = fields.get(terrain.field).filter(|field| field.is_settled());
         if let Some(field) = field {
             maps.take_edits(terrain);
             if let Some((index, wanted)) = maps.next(terrain, lights) {
@@ -125,15 +123,29 @@ pub fn prepare_terrain_shadows(
                     Frustum::new(clip * DMat4::from(terrain.world_from_grid))
                 }));
                 counts.waiting = true;
-                if sees(frusta, terrain, field, URect::from_corners(UVec2::ZERO, terrain.size)) {
-                    let clock = clock
-                        .get_or_insert_with(|| ShadowClock::new(&device, &queue, &adapter));
+                if sees(
+                    frusta,
+                    terrain,
+                    field,
+                    URect::from_corners(UVec2::ZERO, terrain.size),
+                ) {
+                    let clock =
+                        clock.get_or_insert_with(|| ShadowClock::new(&device, &queue, &adapter));
                     let budget = clock.rays_in(terrain.slice_ms);
                     counts.unmeasured = !clock.is_measured();
                     counts.ns_per_ray = clock.ns_per_ray() as f32;
                     maps.planned = plan(
-                        maps, index, wanted, terrain, field, budget, frusta, &mut pipelines, &cache,
-                        &device, &queue,
+                        maps,
+                        index,
+                        wanted,
+                        terrain,
+                        field,
+                        budget,
+                        frusta,
+                        &mut pipelines,
+                        &cache,
+                        &device,
+                        &queue,
                     );
                     counts.working = true;
                 }
@@ -153,7 +165,12 @@ pub fn prepare_terrain_shadows(
 }
 
 /// Whether some view sees a rectangle of samples.
-fn sees(frusta: &[Frustum], terrain: &ExtractedShadow, field: &GpuHeightField, samples: URect) -> bool {
+fn sees(
+    frusta: &[Frustum],
+    terrain: &ExtractedShadow,
+    field: &GpuHeightField,
+    samples: URect,
+) -> bool {
     let heights = field.heights_over(samples).unwrap_or(terrain.heights);
     let bounds = (
         samples.min.as_dvec2().extend(heights.0).xzy(),
@@ -162,7 +179,10 @@ fn sees(frusta: &[Frustum], terrain: &ExtractedShadow, field: &GpuHeightField, s
     frusta.iter().any(|frustum| frustum.sees(bounds))
 }
 
-#[expect(clippy::too_many_arguments, reason = "each is one thing the step is made of")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "each is one thing the step is made of"
+)]
 fn plan(
     maps: &mut TerrainMaps,
     index: usize,
@@ -182,7 +202,10 @@ fn plan(
         .map(|path| path.lines);
     // Nothing is begun before it can be recorded.
     let works: &[Work] = if sweep.is_some() {
-        &[Work::Lines { lines: 0..0, first: false }]
+        &[Work::Lines {
+            lines: 0..0,
+            first: false,
+        }]
     } else {
         &[Work::Coarse, Work::Exact]
     };
@@ -235,9 +258,12 @@ pub fn terrain_shadow(
         terrains, clock, ..
     } = &mut *shadows;
     for maps in terrains.values_mut() {
-        let (Some(planned), Some(making), Some(shown), Some(clock)) =
-            (maps.planned.take(), &maps.making, &maps.shown, clock.as_mut())
-        else {
+        let (Some(planned), Some(making), Some(shown), Some(clock)) = (
+            maps.planned.take(),
+            &maps.making,
+            &maps.shown,
+            clock.as_mut(),
+        ) else {
             continue;
         };
         let Some(pipeline) = cache.get_compute_pipeline(planned.pipeline) else {

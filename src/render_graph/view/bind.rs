@@ -137,14 +137,13 @@ pub fn prepare_terrain_bind_groups(
                 normal: prepass.is_some_and(|textures| textures.normal.is_some()),
                 motion: prepass.is_some_and(|textures| textures.motion_vectors.is_some()),
             });
-            let terrain_shade =
-                mesh_key.and_then(|mesh| {
-                    render(PipelineKey::TerrainShade {
-                        float,
-                        mesh,
-                        shadowed: shadow.is_some(),
-                    })
-                });
+            let terrain_shade = mesh_key.and_then(|mesh| {
+                render(PipelineKey::TerrainShade {
+                    float,
+                    mesh,
+                    shadowed: shadow.is_some(),
+                })
+            });
             slot.pipelines = match (ray_cast, terrain_depth) {
                 (Some(ray_cast), Some(terrain_depth)) => Some(SlotPipelines {
                     subdivide,
