@@ -23,6 +23,8 @@ pub struct Effects {
 pub enum Effect {
     /// Terrain ray casting (P1).
     Terrain,
+    /// Terrain shadow maps (P5b).
+    TerrainShadow,
 }
 
 /// What an effect is doing.
@@ -64,6 +66,11 @@ impl Effects {
     /// State of terrain ray casting.
     pub fn terrain(&self) -> &EffectState {
         self.state(Effect::Terrain)
+    }
+
+    /// State of terrain shadow maps.
+    pub fn terrain_shadow(&self) -> &EffectState {
+        self.state(Effect::TerrainShadow)
     }
 
     /// Every effect that has reported.

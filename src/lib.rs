@@ -10,7 +10,8 @@
 //!         .add_plugins((DefaultPlugins, SkylinePlugins))
 //!         .add_systems(Startup, |mut commands: Commands, assets: Res<AssetServer>| {
 //!             commands.spawn((Camera3d::default(), Transform::from_xyz(0.0, 2000.0, 0.0)));
-//!             commands.spawn(Terrain::new(assets.load("alps.png")));
+//!             commands.spawn((Terrain::new(assets.load("alps.png")), TerrainShadow::default()));
+//!             commands.spawn(DirectionalLight { shadow_maps_enabled: true, ..default() });
 //!         })
 //!         .run()
 //! }
@@ -22,6 +23,7 @@
 //! | [`plugin`] | the plugins: what runs, when and why |
 //! | [`effects`] | [`Effects`](effects::Effects): what the scene calls for and what it costs |
 //! | [`terrain`] | the height field, its component, its loaders and its CPU queries |
+//! | [`terrain_shadow`] | the shadows it casts: component, lights, what is done when |
 //! | [`systems`] | main-world systems |
 //! | [`render_graph`] | the passes and their order |
 //! | [`mod@reference`] | `f64` twins that GPU results are compared with |
@@ -31,7 +33,7 @@
 //! P1 *Subdivided-bounding-box terrain ray casting* (GPU quadtree); P2 occlusion culling with the Z-buffer and
 //! simplified models; P3 rendering by spherical-coordinate representation; P4 region-based contribution culling
 //! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
-//! maps (P5b). Docs cite them by these numbers. This version has P1.
+//! maps (P5b). Docs cite them by these numbers. This version has P1 and P5b.
 
 pub mod effects;
 #[cfg(feature = "cli")]
@@ -52,5 +54,6 @@ pub mod prelude {
             HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour,
             TerrainHit, TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,
         },
+        terrain_shadow::{ExactLight, ShadowMethod, ShadowedLights, TerrainShadow},
     };
 }

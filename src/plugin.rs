@@ -4,6 +4,7 @@
 //! |---|---|---|---|
 //! | [`EffectsPlugin`] | – | the [`Effects`] resource | – |
 //! | [`TerrainPlugin`] | [`Terrain`](crate::terrain::Terrain), [`TerrainRayCasting`](crate::terrain::TerrainRayCasting) | `report_terrain` in `Last` | see [`render_graph`] |
+//! | the same | [`TerrainShadow`](crate::terrain_shadow::TerrainShadow), [`ExactLight`](crate::terrain_shadow::ExactLight) | `report_terrain_shadow` in `Last` | see [`render_graph::terrain_shadow`] |
 //!
 //! A feature whose component is nowhere in the scene costs its systems' empty queries and nothing else: no
 //! pipeline, no GPU memory, no pass.
@@ -21,7 +22,7 @@ use crate::{
 /// | Plugin | What it adds |
 /// |---|---|
 /// | [`EffectsPlugin`] | [`Effects`]: which effects the scene calls for, in words |
-/// | [`TerrainPlugin`] | ray-cast terrain |
+/// | [`TerrainPlugin`] | ray-cast terrain and its shadows |
 pub struct SkylinePlugins;
 
 impl PluginGroup for SkylinePlugins {
@@ -45,7 +46,7 @@ impl Plugin for EffectsPlugin {
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ReportSystems;
 
-/// Terrain ray cast through subdivided bounding boxes (P1).
+/// Terrain ray cast through subdivided bounding boxes (P1), and the shadows it casts (P5b).
 pub struct TerrainPlugin;
 
 impl Plugin for TerrainPlugin {
@@ -58,7 +59,15 @@ impl Plugin for TerrainPlugin {
         render_graph::embed_shaders(app);
         app.init_resource::<TerrainStats>()
             .init_resource::<systems::terrain::TerrainDiagnosticPaths>()
-            .add_systems(Last, systems::terrain::report_terrain.in_set(ReportSystems));
+            .add_systems(
+                Last,
+                (
+                    systems::terrain::report_terrain,
+                    systems::terrain_shadow::report_terrain_shadow,
+                )
+                    .chain()
+                    .in_set(ReportSystems),
+            );
     }
 
     fn finish(&self, app: &mut App) {

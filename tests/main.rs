@@ -25,6 +25,9 @@ mod terrain_scenes;
 #[cfg(feature = "cli")]
 #[path = "it/terrain_shadow.rs"]
 mod terrain_shadow;
+#[cfg(feature = "cli")]
+#[path = "it/terrain_shadow_app.rs"]
+mod terrain_shadow_app;
 #[path = "it/terrain_shadow_twin.rs"]
 mod terrain_shadow_twin;
 #[path = "it/twin.rs"]

@@ -7,8 +7,8 @@
 // An invocation follows both lines of its samples. Between columns a line crosses a row of samples, at most one as
 // |m| <= 1, where the ground has an edge too.
 //
-// With a disc two shadows are carried, of its lower and its upper edge: a sample between the two sees a part of
-// it, told exactly where both are cast by the same edge.
+// With a disc two shadows are carried, of its lower and its upper edge. A sample between the two sees a part of it,
+// by the slope of whichever casts them and stands higher over it.
 //
 // In: `sweep`, which lines. Out: `visibility`, cleared to 0 before.
 // Linear in the samples, as Timonen and Westerholm 2010, with a fixed elevation in place of all of them.
@@ -49,6 +49,11 @@ struct Edges {
 /// Height of their shadow at a step.
 fn shadow_of(edges: Edges, step: f32, drop: f32) -> vec2<f32> {
     return edges.height - (step - edges.step) * drop;
+}
+
+/// The slope at which the edges are seen from a height at a later step.
+fn slope_of(edges: Edges, height: f32, step: f32) -> vec2<f32> {
+    return (edges.height - height) / max(step - edges.step, vec2(0.25));
 }
 
 /// The edges after a step at which the ground may have risen above their shadow.
@@ -132,7 +137,10 @@ fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
             if height >= shadow_low {
                 share = 255u;
             } else if height > shadow_high {
-                let level = 1.0 - 2.0 * (height - shadow_high) / max(shadow_low - shadow_high, 1e-30);
+                // The higher of the two is the horizon.
+                let slopes = max(slope_of(low, height, step), slope_of(high, height, step));
+                let span = max(sweep.drop_high - sweep.drop_low, 1e-30);
+                let level = clamp(2.0 * (mix(slopes.x, slopes.y, between) - sweep.drop_low) / span - 1.0, -1.0, 1.0);
                 let part = cap_area(abs(level), -1.0, 1.0) / 3.14159265;
                 share = u32(round(255.0 * select(1.0 - part, part, level >= 0.0)));
             }

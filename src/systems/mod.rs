@@ -1,3 +1,4 @@
 //! Systems of the main world, one file a feature.
 
 pub mod terrain;
+pub mod terrain_shadow;

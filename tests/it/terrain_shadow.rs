@@ -8,7 +8,6 @@ use bevy_skyline::{
     offline::{Offline, shadow::ShadowImage},
     prelude::*,
     reference::terrain_shadow::{ShadowTally, ShadowTwin},
-    terrain::HeightSamples,
     terrain_shadow::{ShadowMethod, light::GridLight},
 };
 
@@ -465,7 +464,7 @@ fn a_sweep_is_near_the_rays_answers_and_exact_on_planes() {
             let share = off as f64 / rays.visibility.len() as f64;
             let dark = rays.visibility.iter().filter(|v| **v == 0).count();
             assert!(dark > 10_000, "nothing is in shadow");
-            assert!(share < 0.02, "azimuth {n}, radius {radius}: {share} differ");
+            assert!(share < 0.03, "azimuth {n}, radius {radius}: {share} differ");
         }
     }
 }
