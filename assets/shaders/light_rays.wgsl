@@ -25,7 +25,7 @@ struct Light {
     /// Of a directional light the tangent of its angular radius, else its radius. units: m
     radius: f32,
     position_low: vec3<f32>,
-    /// Strips the light's disc is cut into; 0 = hard shadows.
+    /// Strips the light's disc is cut into, where there are penumbrae.
     strips: u32,
     /// The linear part. units: m
     world_from_grid: mat3x3<f32>,
@@ -194,6 +194,20 @@ fn is_lit(to_light: LightRay, highest: u32) -> bool {
     return true;
 }
 
+/// Area of a unit disc's strip a <= alpha <= b above beta = `level` >= 0.
+fn cap_area(level: f32, a: f32, b: f32) -> f32 {
+    let half = sqrt(max(1.0 - level * level, 0.0));
+    let ends = clamp(vec2(a, b), vec2(-half), vec2(half));
+    let primitive = 0.5 * (ends * sqrt(max(1.0 - ends * ends, vec2(0.0))) + asin(clamp(ends, vec2(-1.0), vec2(1.0)))) - level * ends;
+    return primitive.y - primitive.x;
+}
+
+#ifndef PENUMBRA
+/// All or nothing of the light, by its middle.
+fn visible_share(at: vec2<i32>, height: f32, highest: u32) -> f32 {
+    return select(0.0, 1.0, is_lit(ray_to_light(at, height), highest));
+}
+#else
 /// The largest slope at which the sample sees the surface of a cell, along the ray's azimuth.
 fn slope_in_cell(ray: Ray, above: Above) -> f32 {
     // The surface along the ray: h0 + h1 s + h2 s^2, seen at (h0 + h1 s + h2 s^2) / (t_in + s).
@@ -246,19 +260,11 @@ fn horizon(to_light: LightRay, lowest: f32, most: f32, highest: u32) -> f32 {
     return ray.direction.y;
 }
 
-/// Area of a unit disc's strip a <= alpha <= b above beta = `level` >= 0.
-fn cap_area(level: f32, a: f32, b: f32) -> f32 {
-    let half = sqrt(max(1.0 - level * level, 0.0));
-    let ends = clamp(vec2(a, b), vec2(-half), vec2(half));
-    let primitive = 0.5 * (ends * sqrt(max(1.0 - ends * ends, vec2(0.0))) + asin(clamp(ends, vec2(-1.0), vec2(1.0)))) - level * ends;
-    return primitive.y - primitive.x;
-}
-
 /// The share of the light's disc that a sample sees. Each strip of it is cut off by the horizon along its own
 /// middle.
 fn visible_share(at: vec2<i32>, height: f32, highest: u32) -> f32 {
     let middle = ray_to_light(at, height);
-    if light.strips == 0u || middle.upright {
+    if middle.upright {
         return select(0.0, 1.0, is_lit(middle, highest));
     }
     let centre = way_to_light(at, height);
@@ -304,6 +310,7 @@ fn visible_share(at: vec2<i32>, height: f32, highest: u32) -> f32 {
     }
     return clamp(seen / 3.14159265, 0.0, 1.0);
 }
+#endif
 
 /// The first byte of a tile of the map, and of a sample in it: tiles lie one after the other, in rows.
 fn map_byte(at: vec2<u32>) -> u32 {

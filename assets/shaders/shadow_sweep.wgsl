@@ -82,9 +82,12 @@ fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let base = light.y_max;
     let none = Edges(vec2(-1e9), vec2(f32(first)));
-    var middle = none;
+#ifdef PENUMBRA
     var low = none;
     var high = none;
+#else
+    var middle = none;
+#endif
     var before = vec3(-1e9);
     var floor_before = 0.0;
     for (var n = first; n <= last; n++) {
@@ -113,40 +116,40 @@ fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
             let at = clamp((crossed - (offset - sweep.m)) / sweep.m, 0.0, 1.0);
             let row_heights = mix(select(before.xy, before.yz, up), select(vec2(h1, h2), vec2(h0, h1), up), at);
             let crossing = step - 1.0 + at;
-            if light.strips == 0u {
-                middle = raised(middle, row_heights, crossing, sweep.drop);
-            } else {
-                low = raised(low, row_heights, crossing, sweep.drop_low);
-                high = raised(high, row_heights, crossing, sweep.drop_high);
-            }
+#ifdef PENUMBRA
+            low = raised(low, row_heights, crossing, sweep.drop_low);
+            high = raised(high, row_heights, crossing, sweep.drop_high);
+#else
+            middle = raised(middle, row_heights, crossing, sweep.drop);
+#endif
         }
         before = vec3(h0, h1, h2);
         floor_before = whole;
         var share = 0u;
-        if light.strips == 0u {
-            let shadow = shadow_of(middle, step, sweep.drop);
-            if height >= mix(shadow.x, shadow.y, between) {
-                share = 255u;
-            }
-            middle = raised(middle, heights, step, sweep.drop);
-        } else {
-            let low_shadow = shadow_of(low, step, sweep.drop_low);
-            let high_shadow = shadow_of(high, step, sweep.drop_high);
-            let shadow_low = mix(low_shadow.x, low_shadow.y, between);
-            let shadow_high = mix(high_shadow.x, high_shadow.y, between);
-            if height >= shadow_low {
-                share = 255u;
-            } else if height > shadow_high {
-                // The higher of the two is the horizon.
-                let slopes = max(slope_of(low, height, step), slope_of(high, height, step));
-                let span = max(sweep.drop_high - sweep.drop_low, 1e-30);
-                let level = clamp(2.0 * (mix(slopes.x, slopes.y, between) - sweep.drop_low) / span - 1.0, -1.0, 1.0);
-                let part = cap_area(abs(level), -1.0, 1.0) / 3.14159265;
-                share = u32(round(255.0 * select(1.0 - part, part, level >= 0.0)));
-            }
-            low = raised(low, heights, step, sweep.drop_low);
-            high = raised(high, heights, step, sweep.drop_high);
+#ifdef PENUMBRA
+        let low_shadow = shadow_of(low, step, sweep.drop_low);
+        let high_shadow = shadow_of(high, step, sweep.drop_high);
+        let shadow_low = mix(low_shadow.x, low_shadow.y, between);
+        let shadow_high = mix(high_shadow.x, high_shadow.y, between);
+        if height >= shadow_low {
+            share = 255u;
+        } else if height > shadow_high {
+            // The higher of the two is the horizon.
+            let slopes = max(slope_of(low, height, step), slope_of(high, height, step));
+            let span = max(sweep.drop_high - sweep.drop_low, 1e-30);
+            let level = clamp(2.0 * (mix(slopes.x, slopes.y, between) - sweep.drop_low) / span - 1.0, -1.0, 1.0);
+            let part = cap_area(abs(level), -1.0, 1.0) / 3.14159265;
+            share = u32(round(255.0 * select(1.0 - part, part, level >= 0.0)));
         }
+        low = raised(low, heights, step, sweep.drop_low);
+        high = raised(high, heights, step, sweep.drop_high);
+#else
+        let shadow = shadow_of(middle, step, sweep.drop);
+        if height >= mix(shadow.x, shadow.y, between) {
+            share = 255u;
+        }
+        middle = raised(middle, heights, step, sweep.drop);
+#endif
         if sample < 0 {
             continue;
         }

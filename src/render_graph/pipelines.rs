@@ -72,9 +72,11 @@ pub enum PipelineKey {
         float: bool,
         per_texel: bool,
         coarse: bool,
+        penumbra: bool,
     },
     ShadowSweep {
         float: bool,
+        penumbra: bool,
     },
 }
 
@@ -461,13 +463,15 @@ impl TerrainPipelines {
                 float,
                 per_texel,
                 coarse,
+                penumbra,
             } => {
                 let mut defs = field_defs(float, 0);
-                for (name, on) in [("PER_TEXEL", per_texel), ("COARSE", coarse)] {
-                    if on {
-                        defs.push(name.into());
-                    }
-                }
+                let flags = [
+                    ("PER_TEXEL", per_texel),
+                    ("COARSE", coarse),
+                    ("PENUMBRA", penumbra),
+                ];
+                defs.extend(flags.iter().filter(|f| f.1).map(|f| f.0.into()));
                 compute(
                     "terrain_shadow",
                     &shaders.terrain_shadow,
@@ -478,12 +482,18 @@ impl TerrainPipelines {
                     defs,
                 )
             }
-            PipelineKey::ShadowSweep { float } => compute(
-                "shadow_sweep",
-                &shaders.shadow_sweep,
-                vec![self.shadow_field(float).clone(), self.shadow_sweep.clone()],
-                field_defs(float, 0),
-            ),
+            PipelineKey::ShadowSweep { float, penumbra } => {
+                let mut defs = field_defs(float, 0);
+                if penumbra {
+                    defs.push("PENUMBRA".into());
+                }
+                compute(
+                    "shadow_sweep",
+                    &shaders.shadow_sweep,
+                    vec![self.shadow_field(float).clone(), self.shadow_sweep.clone()],
+                    defs,
+                )
+            }
             PipelineKey::TerrainShade {
                 float,
                 mesh,

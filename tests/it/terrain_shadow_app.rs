@@ -226,17 +226,17 @@ fn a_moved_sun_and_an_edit_are_followed() {
     // A tower in the middle casts a shadow over few tiles under so high a sun.
     scene.edit(URect::new(150, 130, 153, 133), 200.0);
     scene.settle();
+    let tiles = (scene.work() - work) / 4096;
+    assert!(
+        (1..=6).contains(&tiles),
+        "{tiles} of 25 tiles were made anew"
+    );
     let third = scene.map();
     assert!(
         third == scene.fresh(),
         "an edit's shadow is not the fresh one"
     );
     assert!(third != second, "the tower casts no shadow");
-    let tiles = (scene.work() - work) / 4096;
-    assert!(
-        (1..=6).contains(&tiles),
-        "{tiles} of 25 tiles were made anew"
-    );
 
     // And gone again.
     scene.edit(URect::new(150, 130, 153, 133), 90.0);

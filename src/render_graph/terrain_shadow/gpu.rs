@@ -215,13 +215,15 @@ impl Making {
         pipelines: &mut TerrainPipelines,
         cache: &PipelineCache,
     ) -> Option<CachedComputePipelineId> {
+        let penumbra = made_for.strips > 0;
         let key = match work {
             Work::None => return None,
-            Work::Lines { .. } => PipelineKey::ShadowSweep { float },
+            Work::Lines { .. } => PipelineKey::ShadowSweep { float, penumbra },
             Work::Coarse | Work::Exact => PipelineKey::TerrainShadow {
                 float,
                 per_texel: made_for.method == ShadowMethod::PerTexel,
                 coarse: *work == Work::Coarse,
+                penumbra,
             },
         };
         let PipelineId::Compute(id) = pipelines.get(cache, key) else {
