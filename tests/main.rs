@@ -20,6 +20,9 @@ mod ray_cast;
 #[cfg(feature = "cli")]
 #[path = "it/terrain_app.rs"]
 mod terrain_app;
+#[cfg(feature = "cli")]
+#[path = "it/terrain_cascades.rs"]
+mod terrain_cascades;
 #[path = "it/terrain_scenes.rs"]
 mod terrain_scenes;
 #[path = "it/twin.rs"]

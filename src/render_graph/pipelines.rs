@@ -21,6 +21,7 @@ use bevy::{
 };
 
 use super::{
+    cascades::{GpuCascadeErosion, GpuCascadeWrite},
     height_mips::{GpuField, GpuMipLevel},
     shaders::Shaders,
     subdivide::GpuSubdividePass,
@@ -62,6 +63,8 @@ pub enum PipelineKey {
         float: bool,
         mesh: MeshPipelineKey,
     },
+    TerrainCascadeErode,
+    TerrainCascade,
 }
 
 /// A queued pipeline of either kind.
@@ -82,6 +85,8 @@ pub struct TerrainPipelines {
     ray_cast: [BindGroupLayoutDescriptor; 2],
     pub terrain_depth: BindGroupLayoutDescriptor,
     pub terrain_shade: BindGroupLayoutDescriptor,
+    pub terrain_cascade_erode: BindGroupLayoutDescriptor,
+    pub terrain_cascade: BindGroupLayoutDescriptor,
     height_mips_float: BindGroupLayoutDescriptor,
     shaders: Shaders,
     mesh_pipeline: MeshPipeline,
@@ -221,6 +226,27 @@ impl TerrainPipelines {
                         texture_2d(TextureSampleType::Float { filterable: true }),
                         sampler(SamplerBindingType::Filtering),
                     ),
+                ),
+            ),
+            terrain_cascade_erode: BindGroupLayoutDescriptor::new(
+                "skyline_terrain_cascade_erode",
+                &BindGroupLayoutEntries::sequential(
+                    compute,
+                    (
+                        uniform_buffer::<GpuCascadeErosion>(false),
+                        unfiltered(),
+                        texture_storage_2d(
+                            TextureFormat::R32Float,
+                            StorageTextureAccess::WriteOnly,
+                        ),
+                    ),
+                ),
+            ),
+            terrain_cascade: BindGroupLayoutDescriptor::new(
+                "skyline_terrain_cascade",
+                &BindGroupLayoutEntries::sequential(
+                    draw,
+                    (uniform_buffer::<GpuCascadeWrite>(false), unfiltered()),
                 ),
             ),
             shaders: Shaders::load(assets),
@@ -421,6 +447,32 @@ impl TerrainPipelines {
                         count: mesh.msaa_samples(),
                         ..default()
                     },
+                    ..default()
+                }))
+            }
+            PipelineKey::TerrainCascadeErode => compute(
+                "terrain_cascade_erode",
+                &shaders.terrain_cascade_erode,
+                vec![self.terrain_cascade_erode.clone()],
+                Vec::new(),
+            ),
+            PipelineKey::TerrainCascade => {
+                PipelineId::Render(cache.queue_render_pipeline(RenderPipelineDescriptor {
+                    label: Some("terrain_cascade".into()),
+                    layout: vec![self.terrain_cascade.clone()],
+                    vertex: VertexState {
+                        shader: shaders.terrain_cascade.clone(),
+                        ..default()
+                    },
+                    fragment: Some(FragmentState {
+                        shader: shaders.terrain_cascade.clone(),
+                        ..default()
+                    }),
+                    depth_stencil: Some(depth_state(
+                        CORE_3D_DEPTH_FORMAT,
+                        CompareFunction::GreaterEqual,
+                        true,
+                    )),
                     ..default()
                 }))
             }

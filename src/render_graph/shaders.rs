@@ -24,6 +24,8 @@ pub fn embed(app: &mut App) {
     embedded_asset!(app, "../../assets/shaders/ray_cast.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_depth.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_shade.wgsl");
+    embedded_asset!(app, "../../assets/shaders/terrain_cascade_erode.wgsl");
+    embedded_asset!(app, "../../assets/shaders/terrain_cascade.wgsl");
 }
 
 /// Handles to the entry points.
@@ -36,6 +38,8 @@ pub struct Shaders {
     pub ray_cast: Handle<Shader>,
     pub terrain_depth: Handle<Shader>,
     pub terrain_shade: Handle<Shader>,
+    pub terrain_cascade_erode: Handle<Shader>,
+    pub terrain_cascade: Handle<Shader>,
 }
 
 impl Shaders {
@@ -48,6 +52,14 @@ impl Shaders {
             ray_cast: load_embedded_asset!(assets, "../../assets/shaders/ray_cast.wgsl"),
             terrain_depth: load_embedded_asset!(assets, "../../assets/shaders/terrain_depth.wgsl"),
             terrain_shade: load_embedded_asset!(assets, "../../assets/shaders/terrain_shade.wgsl"),
+            terrain_cascade_erode: load_embedded_asset!(
+                assets,
+                "../../assets/shaders/terrain_cascade_erode.wgsl"
+            ),
+            terrain_cascade: load_embedded_asset!(
+                assets,
+                "../../assets/shaders/terrain_cascade.wgsl"
+            ),
         }
     }
 }

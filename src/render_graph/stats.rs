@@ -20,6 +20,8 @@ pub struct TerrainCounts {
     pub field_bytes: u64,
     /// As above, of the views.
     pub view_bytes: u64,
+    /// As above, of what is drawn into Bevy's cascades.
+    pub cascade_bytes: u64,
     /// Pipelines queued so far.
     pub pipelines: u64,
     /// Camera and terrain pairs drawn in the last frame.

@@ -67,7 +67,7 @@ pub struct SlotPipelines {
 /// One terrain as one camera sees it.
 #[derive(Default)]
 pub struct TerrainSlot {
-    pub(super) view: UniformBuffer<GpuTerrainView>,
+    pub(in crate::render_graph) view: UniformBuffer<GpuTerrainView>,
     pub(super) placement: UniformBuffer<GpuPlacement>,
     pub(super) look: UniformBuffer<GpuTerrainLook>,
     pub lists: Option<BoxLists>,
@@ -89,19 +89,19 @@ pub struct TerrainSlot {
 }
 
 /// What a slot is prepared from.
-pub(super) struct SlotInputs<'a> {
-    pub(super) terrain: &'a ExtractedTerrain,
-    pub(super) field: &'a GpuHeightField,
-    pub(super) rays: &'a ViewRays,
-    pub(super) settings: &'a TerrainRayCasting,
-    pub(super) in_air: bool,
-    pub(super) id: u32,
-    pub(super) viewport_px: Vec2,
-    pub(super) clip_from_world: DMat4,
+pub(in crate::render_graph) struct SlotInputs<'a> {
+    pub terrain: &'a ExtractedTerrain,
+    pub field: &'a GpuHeightField,
+    pub rays: &'a ViewRays,
+    pub settings: &'a TerrainRayCasting,
+    pub in_air: bool,
+    pub id: u32,
+    pub viewport_px: Vec2,
+    pub clip_from_world: DMat4,
 }
 
 impl TerrainSlot {
-    pub(super) fn prepare(
+    pub(in crate::render_graph) fn prepare(
         &mut self,
         inputs: &SlotInputs,
         device: &RenderDevice,

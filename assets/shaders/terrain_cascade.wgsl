@@ -1,0 +1,44 @@
+// Draws the terrain's casters into one of Bevy's shadow cascades.
+//
+// In:  `caster_depth` as `terrain_cascade_erode.wgsl` leaves it, over a square of its own in the light's plane.
+// Out: depth of the cascade, reverse-Z, the nearer wins. What lies between the light and the cascade's near
+//      plane is drawn on that plane, as Bevy does with meshes.
+//
+// The blend of four stored values runs from a hill's edge to the ground behind it. It stays within what the
+// hill covers, because the stored hill is smaller than the real one by more than the width of that ramp.
+
+struct Cascade {
+    /// Texel of `caster_depth` = framebuffer position * scale + offset.
+    offset: vec2<f32>,
+    scale: f32,
+    /// Depth of the cascade = stored depth * depth_scale + depth_offset.
+    depth_scale: f32,
+    depth_offset: f32,
+};
+
+@group(0) @binding(0) var<uniform> cascade: Cascade;
+@group(0) @binding(1) var caster_depth: texture_2d<f32>;
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    let uv = vec2<f32>(f32(index >> 1u), f32(index & 1u)) * 2.0;
+    return vec4(uv * vec2(2.0, -2.0) + vec2(-1.0, 1.0), 0.0, 1.0);
+}
+
+@fragment
+fn fragment(@builtin(position) position: vec4<f32>) -> @builtin(frag_depth) f32 {
+    let at = position.xy * cascade.scale + cascade.offset - 0.5;
+    let low = floor(at);
+    let weight = at - low;
+    let texel = vec2<i32>(low);
+    let depth = mix(
+        mix(textureLoad(caster_depth, texel, 0).x, textureLoad(caster_depth, texel + vec2(1, 0), 0).x, weight.x),
+        mix(
+            textureLoad(caster_depth, texel + vec2(0, 1), 0).x,
+            textureLoad(caster_depth, texel + vec2(1, 1), 0).x,
+            weight.x,
+        ),
+        weight.y,
+    );
+    return select(0.0, saturate(depth * cascade.depth_scale + cascade.depth_offset), depth > 0.0);
+}
