@@ -24,7 +24,8 @@
 //   That much is pushed in addition, for both axes, up to `max_push`, so that a jump in depth, which is no
 //   dip, costs no more than that. Roughness finer than a coarse texel escapes; what is left of it is up to
 //   the receiver's normal bias, 1.8 sqrt(2) shadow texels by default.
-//   `rounding` is what `f32` matrices and depths can be off by.
+//   `slack` is what `f32` matrices and depths can be off by, and how far below its exact surface the camera,
+//   which may be allowed an error, can have drawn q; as that moves the lookup too, `r` has it as well.
 
 struct Erosion {
     /// Side of the cast. units: coarse texels
@@ -33,7 +34,7 @@ struct Erosion {
     reach: i32,
     /// units: depth
     max_push: f32,
-    rounding: f32,
+    slack: f32,
 };
 
 @group(0) @binding(0) var<uniform> erosion: Erosion;
@@ -68,7 +69,7 @@ fn terrain_cascade_erode(@builtin(local_invocation_index) local: u32, @builtin(w
         let k = (i / pushed_side + 1) * hit_side + i % pushed_side + 1;
         let at = hits[k];
         let push = dip(hits[k - 1], at, hits[k + 1]) + dip(hits[k - hit_side], at, hits[k + hit_side]);
-        pushed[i] = max(at - min(push, erosion.max_push) - erosion.rounding, 0.0);
+        pushed[i] = max(at - min(push, erosion.max_push) - erosion.slack, 0.0);
     }
     workgroupBarrier();
     let in_group = vec2(i32(local) % GROUP, i32(local) / GROUP);

@@ -8,7 +8,7 @@ pub struct GpuCascadeErosion {
     pub(super) size: i32,
     pub(super) reach: i32,
     pub(super) max_push: f32,
-    pub(super) rounding: f32,
+    pub(super) slack: f32,
 }
 
 /// Mirrors `Cascade` in `terrain_cascade.wgsl`.

@@ -118,8 +118,13 @@ pub struct LightSquare {
 impl LightSquare {
     /// The square to cast for a cascade, its texels on a grid that doesn't move with the camera.
     ///
-    /// `reach` as [`reach`] has it.
-    pub fn new(cascade: &CascadeSquare, range: &LightRange, reach: u32) -> Option<Self> {
+    /// `reach` and `receiver_m` as [`reach`] has them.
+    pub fn new(
+        cascade: &CascadeSquare,
+        range: &LightRange,
+        reach: u32,
+        receiver_m: f64,
+    ) -> Option<Self> {
         let coarse_m = cascade.texel_m() * f64::from(COARSE_TEXELS);
         // A little more either way: nothing of the terrain is cut off, and none is at depth 0, which is none.
         let margin_m = 1.0 + 1e-3 * (range.high - range.low) + 8.0 * UNIT_ROUNDOFF * range.magnitude;
@@ -138,7 +143,7 @@ impl LightSquare {
                 size: side as i32,
                 reach: reach as i32,
                 max_push: (MAX_DIP_SLOPE * 0.5 * coarse_m / range_m) as f32,
-                rounding: (rounding_m / range_m) as f32,
+                slack: ((rounding_m + receiver_m) / range_m) as f32,
             },
         })
     }

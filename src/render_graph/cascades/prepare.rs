@@ -125,6 +125,7 @@ pub fn prepare_terrain_cascades(
                 &CascadeInputs {
                     square: &square,
                     reach,
+                    receiver_m,
                     fields: &fields,
                     device: &device,
                     queue: &queue,
@@ -135,6 +136,9 @@ pub fn prepare_terrain_cascades(
         }
     }
     cascades.cascades.retain(|_, cascade| cascade.seen);
+    if cascades.cascades.is_empty() {
+        *cascades = default();
+    }
     cascades.bind(&mut pipelines, &cache, &fields, &device);
     let mut counts = stats.lock();
     counts.cascade_bytes = cascades.bytes();
@@ -167,6 +171,7 @@ fn receiver_error_m(camera: &ExtractedView, extracted: &ExtractedTerrains, far_m
 struct CascadeInputs<'a> {
     square: &'a CascadeSquare,
     reach: u32,
+    receiver_m: f64,
     fields: &'a GpuHeightFields,
     device: &'a RenderDevice,
     queue: &'a RenderQueue,
@@ -195,7 +200,8 @@ impl TerrainCascade {
         for (terrain, _) in terrains.clone() {
             range.add(terrain, cascade);
         }
-        let Some(wanted) = LightSquare::new(cascade, &range, inputs.reach) else {
+        let Some(wanted) = LightSquare::new(cascade, &range, inputs.reach, inputs.receiver_m)
+        else {
             return;
         };
         let square = match self.square {
