@@ -13,7 +13,7 @@ use bevy::{app::PluginGroupBuilder, prelude::*};
 use crate::{
     effects::Effects,
     render_graph::{self, stats::TerrainStats},
-    systems, terrain,
+    systems, terrain, terrain_shadow,
 };
 
 /// Every feature of the suite.
@@ -54,6 +54,7 @@ impl Plugin for TerrainPlugin {
             app.add_plugins(EffectsPlugin);
         }
         terrain::register(app);
+        terrain_shadow::register(app);
         render_graph::embed_shaders(app);
         app.init_resource::<TerrainStats>()
             .init_resource::<systems::terrain::TerrainDiagnosticPaths>()

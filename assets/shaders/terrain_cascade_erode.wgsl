@@ -47,8 +47,10 @@ const GROUP: i32 = 8;
 const PUSHED_SIDE: i32 = GROUP + 2 * MAX_REACH;
 const HIT_SIDE: i32 = PUSHED_SIDE + 2;
 
-var<workgroup> hits: array<f32, HIT_SIDE * HIT_SIDE>;
-var<workgroup> pushed: array<f32, PUSHED_SIDE * PUSHED_SIDE>;
+var<workgroup> hits: array<array<f32, HIT_SIDE>, HIT_SIDE>;
+var<workgroup> pushed: array<array<f32, PUSHED_SIDE>, PUSHED_SIDE>;
+/// Farthest along x only.
+var<workgroup> rows: array<array<f32, GROUP>, PUSHED_SIDE>;
 
 /// How far the surface can dip between a hit and its neighbours along one axis. Beside nothing there is no dip.
 fn dip(before: f32, at: f32, after: f32) -> f32 {
@@ -56,32 +58,39 @@ fn dip(before: f32, at: f32, after: f32) -> f32 {
 }
 
 @compute @workgroup_size(8, 8, 1)
-fn terrain_cascade_erode(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
+fn terrain_cascade_erode(@builtin(local_invocation_id) local_id: vec3<u32>, @builtin(workgroup_id) group: vec3<u32>) {
+    let local = vec2<i32>(local_id.xy);
+    let at = vec2<i32>(group.xy) * GROUP + local;
     let pushed_side = GROUP + 2 * erosion.reach;
-    let hit_side = pushed_side + 2;
-    let first = vec2<i32>(group.xy) * GROUP - erosion.reach;
-    for (var i = i32(local); i < hit_side * hit_side; i += GROUP * GROUP) {
-        let at = first - 1 + vec2(i % hit_side, i / hit_side);
-        hits[i] = textureLoad(hit_depth, clamp(at, vec2(0), vec2(erosion.size - 1)), 0).x;
+    let first = at - local - erosion.reach - 1;
+    for (var y = local.y; y < pushed_side + 2; y += GROUP) {
+        for (var x = local.x; x < pushed_side + 2; x += GROUP) {
+            hits[y][x] = textureLoad(hit_depth, clamp(first + vec2(x, y), vec2(0), vec2(erosion.size - 1)), 0).x;
+        }
     }
     workgroupBarrier();
-    for (var i = i32(local); i < pushed_side * pushed_side; i += GROUP * GROUP) {
-        let k = (i / pushed_side + 1) * hit_side + i % pushed_side + 1;
-        let at = hits[k];
-        let push = dip(hits[k - 1], at, hits[k + 1]) + dip(hits[k - hit_side], at, hits[k + hit_side]);
-        pushed[i] = max(at - min(push, erosion.max_push) - erosion.slack, 0.0);
+    for (var y = local.y; y < pushed_side; y += GROUP) {
+        for (var x = local.x; x < pushed_side; x += GROUP) {
+            let hit = hits[y + 1][x + 1];
+            let push = dip(hits[y + 1][x], hit, hits[y + 1][x + 2]) + dip(hits[y][x + 1], hit, hits[y + 2][x + 1]);
+            pushed[y][x] = max(hit - min(push, erosion.max_push) - erosion.slack, 0.0);
+        }
     }
     workgroupBarrier();
-    let in_group = vec2(i32(local) % GROUP, i32(local) / GROUP);
-    let at = vec2<i32>(group.xy) * GROUP + in_group;
+    for (var y = local.y; y < pushed_side; y += GROUP) {
+        var farthest = 1.0;
+        for (var x = 0; x <= 2 * erosion.reach; x++) {
+            farthest = min(farthest, pushed[y][local.x + x]);
+        }
+        rows[y][local.x] = farthest;
+    }
+    workgroupBarrier();
     if any(at >= vec2(erosion.size)) {
         return;
     }
     var farthest = 1.0;
     for (var y = 0; y <= 2 * erosion.reach; y++) {
-        for (var x = 0; x <= 2 * erosion.reach; x++) {
-            farthest = min(farthest, pushed[(in_group.y + y) * pushed_side + in_group.x + x]);
-        }
+        farthest = min(farthest, rows[local.y + y][local.x]);
     }
     textureStore(caster_depth, at, vec4(farthest, 0.0, 0.0, 0.0));
 }

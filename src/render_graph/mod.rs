@@ -33,9 +33,7 @@ use bevy::{
         prepass::node::{early_prepass, late_prepass},
         schedule::{Core3d, Core3dSystems, camera_driver},
     },
-    pbr::{
-        EARLY_SHADOW_PASS, LATE_SHADOW_PASS, MeshPipelineSystems, per_view_shadow_pass,
-    },
+    pbr::{EARLY_SHADOW_PASS, LATE_SHADOW_PASS, MeshPipelineSystems, per_view_shadow_pass},
     prelude::*,
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems,

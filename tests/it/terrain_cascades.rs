@@ -161,9 +161,7 @@ impl Scene {
         self.steps(2);
         let picture = self.offline.picture(&self.picture).unwrap();
         if std::env::var_os("SKYLINE_PICTURES").is_some() {
-            picture
-                .save(format!("/tmp/cascade_{name}.png"))
-                .unwrap();
+            picture.save(format!("/tmp/cascade_{name}.png")).unwrap();
         }
         picture
     }
@@ -227,7 +225,12 @@ fn most_darkened(before: &image::RgbaImage, after: &image::RgbaImage) -> i32 {
     for (a, b) in before.pixels().zip(after.pixels()) {
         let [r, g, _] = [0, 1, 2].map(|i| i32::from(a[i]));
         if r <= 2 * g + 8 {
-            most = most.max((0..3).map(|i| i32::from(a[i]) - i32::from(b[i])).max().unwrap_or(0));
+            most = most.max(
+                (0..3)
+                    .map(|i| i32::from(a[i]) - i32::from(b[i]))
+                    .max()
+                    .unwrap_or(0),
+            );
         }
     }
     most
@@ -256,10 +259,26 @@ fn sunlit_ground_is_not_darkened_by_itself() {
     // Slope along x, seen from every side by suns at +X, +Z and between.
     let fields = [
         ("flat", plane(Vec2::ZERO), [Vec2::ZERO; 2]),
-        ("gentle", plane(Vec2::new(-0.06, 0.0)), [Vec2::new(-0.06, 0.0); 2]),
-        ("steep", plane(Vec2::new(0.4, 0.1)), [Vec2::new(0.4, 0.1); 2]),
-        ("valley", valley(0.3, false), [Vec2::new(-0.3, 0.0), Vec2::new(0.3, 0.0)]),
-        ("sharp_valley", valley(0.3, true), [Vec2::new(-0.3, 0.0), Vec2::new(0.3, 0.0)]),
+        (
+            "gentle",
+            plane(Vec2::new(-0.06, 0.0)),
+            [Vec2::new(-0.06, 0.0); 2],
+        ),
+        (
+            "steep",
+            plane(Vec2::new(0.4, 0.1)),
+            [Vec2::new(0.4, 0.1); 2],
+        ),
+        (
+            "valley",
+            valley(0.3, false),
+            [Vec2::new(-0.3, 0.0), Vec2::new(0.3, 0.0)],
+        ),
+        (
+            "sharp_valley",
+            valley(0.3, true),
+            [Vec2::new(-0.3, 0.0), Vec2::new(0.3, 0.0)],
+        ),
     ];
     let mut compared = 0;
     for (name, field, slopes) in fields {
@@ -292,7 +311,8 @@ fn sunlit_ground_is_not_darkened_by_itself() {
                     let before = scene.picture(&format!("{name}_{elevation}_{azimuth}_before"));
                     scene.cast_shadows(Some(shadow()));
                     let runs = scene.runs("terrain_cascade");
-                    let after = scene.picture(&format!("{name}_{elevation}_{azimuth}_after_{bias}"));
+                    let after =
+                        scene.picture(&format!("{name}_{elevation}_{azimuth}_after_{bias}"));
                     assert!(scene.runs("terrain_cascade") > runs, "nothing was drawn");
                     let most = most_darkened(&before, &after);
                     println!("{name}, sun {azimuth} {elevation}, bias {bias}: darker by {most}");
@@ -329,17 +349,16 @@ fn standing_still_casts_nothing_and_allocates_nothing() {
     scene.add_cube(Vec3::new(80.0, 18.0, 128.0), 4.0);
     scene.cast_shadows(Some(shadow()));
     scene.picture("standing");
-    let before = (scene.runs("terrain_cascade_cast"), scene.runs("terrain_cascade"));
+    let before = (
+        scene.runs("terrain_cascade_cast"),
+        scene.runs("terrain_cascade"),
+    );
     assert_eq!(before.0, 3, "a cast for each cascade");
     scene.steps(5);
     assert_eq!(scene.runs("terrain_cascade_cast"), before.0);
     assert_eq!(scene.runs("terrain_cascade"), before.1 + 5 * 3);
 
-    let world = scene
-        .offline
-        .app
-        .sub_app_mut(RenderApp)
-        .world_mut();
+    let world = scene.offline.app.sub_app_mut(RenderApp).world_mut();
     let prepare = world.register_system(prepare_terrain_cascades);
     world.run_system(prepare).unwrap();
     let allocations = crate::allocations::count(|| {
@@ -351,10 +370,20 @@ fn standing_still_casts_nothing_and_allocates_nothing() {
 
     // A step to the side stays within what was cast for the larger cascades.
     let camera = scene.camera;
-    scene.world().get_mut::<Transform>(camera).unwrap().translation.x += 0.5;
+    scene
+        .world()
+        .get_mut::<Transform>(camera)
+        .unwrap()
+        .translation
+        .x += 0.5;
     scene.steps(1);
     assert_eq!(scene.runs("terrain_cascade_cast"), before.0);
-    scene.world().get_mut::<Transform>(camera).unwrap().translation.x += 30.0;
+    scene
+        .world()
+        .get_mut::<Transform>(camera)
+        .unwrap()
+        .translation
+        .x += 30.0;
     scene.steps(1);
     let moved = scene.runs("terrain_cascade_cast");
     assert!(moved > before.0);
@@ -367,7 +396,12 @@ fn standing_still_casts_nothing_and_allocates_nothing() {
     assert_eq!(scene.runs("terrain_cascade_cast"), turned);
 
     let terrain = scene.terrain;
-    let handle = scene.world().get::<Terrain>(terrain).unwrap().height_field.clone();
+    let handle = scene
+        .world()
+        .get::<Terrain>(terrain)
+        .unwrap()
+        .height_field
+        .clone();
     scene
         .world()
         .resource_mut::<Assets<HeightField>>()
@@ -378,7 +412,12 @@ fn standing_still_casts_nothing_and_allocates_nothing() {
     scene.steps(2);
     let edited = scene.runs("terrain_cascade_cast");
     assert_eq!(edited, turned + 3);
-    scene.world().get_mut::<Transform>(terrain).unwrap().translation.y += 1.0;
+    scene
+        .world()
+        .get_mut::<Transform>(terrain)
+        .unwrap()
+        .translation
+        .y += 1.0;
     scene.steps(1);
     assert_eq!(scene.runs("terrain_cascade_cast"), edited + 3);
 }
@@ -409,7 +448,9 @@ fn nothing_runs_where_nothing_could_be_seen() {
             ..shadow()
         }));
     });
-    check("no mesh in view", false, |scene| scene.cast_shadows(Some(shadow())));
+    check("no mesh in view", false, |scene| {
+        scene.cast_shadows(Some(shadow()))
+    });
     check("no shadow maps", true, |scene| {
         scene.cast_shadows(Some(shadow()));
         let sun = scene.sun;
@@ -449,7 +490,10 @@ fn what_is_gone_leaves_nothing_behind() {
         let counts = scene.counts();
         assert_eq!(counts.cascade_bytes, 0, "{what}");
         scene.steps(2);
-        assert_eq!(scene.counts().passes.get("terrain_cascade"), counts.passes.get("terrain_cascade"));
+        assert_eq!(
+            scene.counts().passes.get("terrain_cascade"),
+            counts.passes.get("terrain_cascade")
+        );
     }
     check("terrain", |scene| {
         let terrain = scene.terrain;
@@ -481,7 +525,9 @@ fn every_filter_and_several_cameras_and_terrains_work_together() {
         let other_target = scene.offline.target(SIZE);
         scene.offline.camera(&other_target, (eye, filter));
         let world = scene.world();
-        let handle = world.resource_mut::<Assets<HeightField>>().add(plane(Vec2::ZERO));
+        let handle = world
+            .resource_mut::<Assets<HeightField>>()
+            .add(plane(Vec2::ZERO));
         world.spawn((
             Terrain::new(handle),
             shadow(),
@@ -506,7 +552,11 @@ fn far_from_the_origin_it_still_runs() {
     let cube = scene.add_cube(Vec3::new(80.0, 18.0, 128.0), 14.0);
     let (terrain, camera) = (scene.terrain, scene.camera);
     for entity in [cube, terrain, camera] {
-        scene.world().get_mut::<Transform>(entity).unwrap().translation += offset;
+        scene
+            .world()
+            .get_mut::<Transform>(entity)
+            .unwrap()
+            .translation += offset;
     }
     scene.cast_shadows(Some(shadow()));
     scene.picture("far");

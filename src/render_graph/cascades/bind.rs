@@ -9,7 +9,7 @@ use super::{CastTargets, CasterGroups, TerrainCascade, TerrainCascades};
 use crate::render_graph::{
     height_mips::GpuHeightFields,
     pipelines::{PipelineId, PipelineKey, TerrainPipelines},
-    view::Unused,
+    view::{Unused, WORKGROUP_PX},
 };
 
 impl TerrainCascades {
@@ -30,9 +30,7 @@ impl TerrainCascades {
             return;
         };
         if self.targets.as_ref().is_none_or(|t| t.side != side) {
-            let view = |label, format| {
-                texture(device, label, side, format).create_view(&default())
-            };
+            let view = |label, format| texture(device, label, side, format).create_view(&default());
             self.targets = Some(CastTargets {
                 side,
                 depth: view("skyline_cascade_hit_depth", TextureFormat::R32Float),
@@ -77,14 +75,31 @@ impl TerrainCascade {
                 continue;
             };
             let bound = caster.groups.as_ref();
-            if bound.is_some_and(|groups| groups.generation == field.generation) {
+            let tiles = caster.slot.tile_start.as_ref();
+            if bound.is_some_and(|groups| {
+                groups.generation == field.generation
+                    && tiles.is_some_and(|tiles| tiles[1].buffer.id() == groups.tiles)
+            }) {
                 continue;
             }
             let key = PipelineKey::RayCast {
                 float: field.float,
                 stop_at_depth: false,
             };
-            let PipelineId::Compute(pipeline) = pipelines.get(cache, key) else {
+            let float = field.float;
+            let (
+                PipelineId::Compute(pipeline),
+                PipelineId::Compute(coarse),
+                PipelineId::Compute(fine),
+            ) = (
+                pipelines.get(cache, key),
+                pipelines.get(cache, PipelineKey::Beam { float, fine: false }),
+                pipelines.get(cache, PipelineKey::Beam { float, fine: true }),
+            )
+            else {
+                continue;
+            };
+            let Some(starts) = &caster.slot.tile_start else {
                 continue;
             };
             let (Some(uniform), Some(view)) = (field.uniform.binding(), caster.slot.view.binding())
@@ -105,13 +120,32 @@ impl TerrainCascade {
                         view,
                     )),
                 ),
+                tiles: starts[1].buffer.id(),
+                beam_pipelines: [coarse, fine],
+                beam: [
+                    (&starts[0], &unused.buffer),
+                    (&starts[1], &starts[0].buffer),
+                ]
+                .map(|(starts, coarse)| {
+                    let group = device.create_bind_group(
+                        "skyline_cascade_beam",
+                        &cache.get_bind_group_layout(&pipelines.beam),
+                        &BindGroupEntries::sequential((
+                            starts.buffer.as_entire_binding(),
+                            &unused.texture,
+                            unused.buffer.as_entire_binding(),
+                            coarse.as_entire_binding(),
+                        )),
+                    );
+                    (group, starts.tiles.map(|n| n.div_ceil(WORKGROUP_PX)))
+                }),
                 ray_cast: device.create_bind_group(
                     "skyline_cascade_ray_cast",
                     &cache.get_bind_group_layout(pipelines.ray_cast(false)),
                     &BindGroupEntries::sequential((
                         &targets.depth,
                         &targets.surface,
-                        unused.buffer.as_entire_binding(),
+                        starts[1].buffer.as_entire_binding(),
                         &unused.texture,
                         unused.buffer.as_entire_binding(),
                     )),

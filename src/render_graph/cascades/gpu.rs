@@ -18,4 +18,5 @@ pub struct GpuCascadeWrite {
     pub(super) scale: f32,
     pub(super) depth_scale: f32,
     pub(super) depth_offset: f32,
+    pub(super) edge: f32,
 }

@@ -9,7 +9,7 @@ use bevy::{
 };
 
 use super::{
-    BORDER, COARSE_TEXELS, MAX_DIP_SLOPE, MAX_REACH,
+    BORDER, COARSE_TEXELS, EDGE_SLOPE, MAX_REACH,
     gpu::{GpuCascadeErosion, GpuCascadeWrite},
 };
 use crate::{render_graph::extract::ExtractedTerrain, terrain::view_rays::UNIT_ROUNDOFF};
@@ -127,7 +127,8 @@ impl LightSquare {
     ) -> Option<Self> {
         let coarse_m = cascade.texel_m() * f64::from(COARSE_TEXELS);
         // A little more either way: nothing of the terrain is cut off, and none is at depth 0, which is none.
-        let margin_m = 1.0 + 1e-3 * (range.high - range.low) + 8.0 * UNIT_ROUNDOFF * range.magnitude;
+        let margin_m =
+            1.0 + 1e-3 * (range.high - range.low) + 8.0 * UNIT_ROUNDOFF * range.magnitude;
         let range_m = range.high - range.low + 2.0 * margin_m;
         // A product of three terms and its sum for each of two matrices, and the depth's own.
         let rounding_m = 16.0 * UNIT_ROUNDOFF * (range.magnitude + range_m);
@@ -142,7 +143,7 @@ impl LightSquare {
             erosion: GpuCascadeErosion {
                 size: side as i32,
                 reach: reach as i32,
-                max_push: (MAX_DIP_SLOPE * 0.5 * coarse_m / range_m) as f32,
+                max_push: (EDGE_SLOPE * 0.5 * coarse_m / range_m) as f32,
                 slack: ((rounding_m + receiver_m) / range_m) as f32,
             },
         })
@@ -189,6 +190,7 @@ impl LightSquare {
             scale: (cascade.texel_m() / self.coarse_m) as f32,
             depth_scale: (scale.z * self.range_m) as f32,
             depth_offset: (scale.z * (self.near_z - self.range_m) + offset.z) as f32,
+            edge: (EDGE_SLOPE * self.coarse_m / self.range_m) as f32,
         }
     }
 }

@@ -46,8 +46,9 @@ const COARSE_TEXELS: u32 = 4;
 const BORDER: f32 = 0.125;
 /// The farthest that casters shrink for. As in `terrain_cascade_erode.wgsl`. units: coarse texels
 const MAX_REACH: u32 = 6;
-/// Dips are believed up to this slope to the light (76°); anything steeper is an edge.
-const MAX_DIP_SLOPE: f64 = 4.0;
+/// Depth that changes faster than this with the distance across the light (76° to it) is taken for an edge: no dip
+/// is believed to be deeper, and what is farther apart isn't blended.
+const EDGE_SLOPE: f64 = 4.0;
 
 /// What every cascade of every camera and light holds for terrain.
 #[derive(Resource, Default)]
@@ -108,11 +109,15 @@ struct CasterKey {
     world_from_local: DAffine3,
 }
 
-/// Bind groups of a caster, and the field they were made for.
+/// Bind groups of a caster, and the field and tiles they were made for.
 struct CasterGroups {
     generation: u64,
+    tiles: BufferId,
     pipeline: CachedComputePipelineId,
     field: BindGroup,
+    beam_pipelines: [CachedComputePipelineId; 2],
+    /// Coarse tiles, then fine ones, and how many workgroups a side they take.
+    beam: [(BindGroup, UVec2); 2],
     ray_cast: BindGroup,
 }
 
@@ -129,7 +134,12 @@ impl TerrainCascades {
                     (Some(_), Some(square)) => 4 * texels(square.side),
                     _ => 0,
                 };
-                depth + 1024 * cascade.casters.len() as u64
+                let tiles = cascade
+                    .casters
+                    .iter()
+                    .filter_map(|c| c.slot.tile_start.as_ref());
+                let tiles: u64 = tiles.flatten().map(|starts| starts.buffer.size()).sum();
+                depth + tiles + 1024 * cascade.casters.len() as u64
             })
             .sum();
         targets + cascades

@@ -32,9 +32,7 @@ pub fn terrain_cascade(
     let cascades = &mut *cascades;
     let (Some(targets), Some(erode), Some(draw)) = (
         &cascades.targets,
-        cascades
-            .erode
-            .and_then(|id| cache.get_compute_pipeline(id)),
+        cascades.erode.and_then(|id| cache.get_compute_pipeline(id)),
         cascades.draw.and_then(|id| cache.get_render_pipeline(id)),
     ) else {
         return;
@@ -76,7 +74,12 @@ impl TerrainCascade {
         let casters = || self.casters.iter().filter(|caster| caster.in_view);
         let ready = casters().all(|caster| {
             let groups = caster.groups.as_ref();
-            groups.is_some_and(|groups| cache.get_compute_pipeline(groups.pipeline).is_some())
+            groups.is_some_and(|groups| {
+                let [coarse, fine] = groups.beam_pipelines;
+                [coarse, fine, groups.pipeline]
+                    .iter()
+                    .all(|id| cache.get_compute_pipeline(*id).is_some())
+            })
         });
         let Some(erode_group) = self.erode_group.as_ref().filter(|_| ready) else {
             return false;
@@ -92,8 +95,16 @@ impl TerrainCascade {
             let Some(pipeline) = cache.get_compute_pipeline(groups.pipeline) else {
                 continue;
             };
-            pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &*groups.field, &[]);
+            for ((group, tiles), id) in groups.beam.iter().zip(groups.beam_pipelines) {
+                let Some(beam) = cache.get_compute_pipeline(id) else {
+                    continue;
+                };
+                pass.set_pipeline(beam);
+                pass.set_bind_group(1, &**group, &[]);
+                pass.dispatch_workgroups(tiles.x, tiles.y, 1);
+            }
+            pass.set_pipeline(pipeline);
             pass.set_bind_group(1, &*groups.ray_cast, &[]);
             pass.dispatch_workgroups(groups_across, groups_across, 1);
             stats.count_dispatch("terrain_cascade_cast", rays);

@@ -34,10 +34,11 @@ use crate::{
     },
 };
 
-/// How lights cast: exactly, as the derivation wants it, and without boxes, of which every cascade would keep a
-/// list for the few frames in which it casts.
+/// How lights cast: exactly, as the derivation wants it, and with beams, because their rays lie so close together
+/// that each has little left to do by itself. There are no boxes: every cascade would keep a list of them for the
+/// few frames in which it casts.
 const LIGHT_RAYS: TerrainRayCasting = TerrainRayCasting {
-    traversal: Traversal::MaxMip,
+    traversal: Traversal::Hybrid,
     box_texels: 64,
     max_error_px: 0.0,
 };
@@ -47,7 +48,6 @@ const LIGHT_RAYS: TerrainRayCasting = TerrainRayCasting {
 ///
 /// A camera that sees no mesh needs no terrain in its cascades: nothing is done for it.
 #[expect(clippy::too_many_arguments, reason = "a system asks for what it needs")]
-#[expect(clippy::type_complexity, reason = "queries name what they read")]
 pub fn prepare_terrain_cascades(
     mut cascades: ResMut<TerrainCascades>,
     mut pipelines: ResMut<TerrainPipelines>,
@@ -82,7 +82,11 @@ pub fn prepare_terrain_cascades(
     }
     for (camera, camera_lights, visible, filter) in &cameras {
         let receives = visible.is_some_and(shows_meshes);
-        for (view, light, layers) in camera_lights.lights.iter().filter_map(|e| views.get(*e).ok()) {
+        for (view, light, layers) in camera_lights
+            .lights
+            .iter()
+            .filter_map(|e| views.get(*e).ok())
+        {
             let LightEntity::Directional {
                 light_entity,
                 cascade_index,
@@ -148,9 +152,12 @@ pub fn prepare_terrain_cascades(
 
 /// Whether a camera has any ordinary mesh in view.
 fn shows_meshes(visible: &RenderVisibleEntities) -> bool {
-    visible.classes.get(&TypeId::of::<Mesh3d>()).is_some_and(|class| {
-        !class.entities_cpu_culling.is_empty() || !class.entities_gpu_culling.is_empty()
-    })
+    visible
+        .classes
+        .get(&TypeId::of::<Mesh3d>())
+        .is_some_and(|class| {
+            !class.entities_cpu_culling.is_empty() || !class.entities_gpu_culling.is_empty()
+        })
 }
 
 /// How far off its exact height a camera may draw terrain that is `far_m` away. units: m
@@ -162,7 +169,11 @@ fn receiver_error_m(camera: &ExtractedView, extracted: &ExtractedTerrains, far_m
         .find(|camera| camera.entity == entity)
         .map_or(0.0, |camera| camera.settings.max_error_px.max(0.0));
     let projection = camera.clip_from_view;
-    let depth = if projection.w_axis.w == 1.0 { 1.0 } else { far_m };
+    let depth = if projection.w_axis.w == 1.0 {
+        1.0
+    } else {
+        far_m
+    };
     let pixel_m = 2.0 * depth / (projection.y_axis.y.abs() * camera.viewport.w.max(1) as f32);
     let error_m = f64::from(error_px * pixel_m);
     if error_m.is_finite() { error_m } else { 0.0 }
@@ -205,9 +216,7 @@ impl TerrainCascade {
             return;
         };
         let square = match self.square {
-            Some(square)
-                if square.serves(cascade, &wanted) && self.has_cast(terrains.clone()) =>
-            {
+            Some(square) if square.serves(cascade, &wanted) && self.has_cast(terrains.clone()) => {
                 square
             }
             _ => {
@@ -276,6 +285,7 @@ impl TerrainCascade {
                     settings: &LIGHT_RAYS,
                     // They start before the whole terrain.
                     in_air: true,
+                    boxes: false,
                     id,
                     viewport_px: Vec2::ZERO,
                     clip_from_world: clip_from_view.as_dmat4()

@@ -208,6 +208,7 @@ pub fn prepare_terrain_views(
                     rays: &rays,
                     settings: &terrain_camera.settings,
                     in_air,
+                    boxes: true,
                     id: view.drawn.len() as u32 + 1,
                     viewport_px,
                     clip_from_world,

@@ -95,6 +95,8 @@ pub(in crate::render_graph) struct SlotInputs<'a> {
     pub rays: &'a ViewRays,
     pub settings: &'a TerrainRayCasting,
     pub in_air: bool,
+    /// Whether traversals that use boxes get them; without, their rays start where the terrain may begin.
+    pub boxes: bool,
     pub id: u32,
     pub viewport_px: Vec2,
     pub clip_from_world: DMat4,
@@ -121,7 +123,8 @@ impl TerrainSlot {
         self.float = field.float;
         self.levels = field.level_offsets.len() as u32;
         self.box_level = settings.box_texels.max(4).ilog2().min(self.levels);
-        let uses_boxes = matches!(self.traversal, Traversal::Boxes | Traversal::Hybrid);
+        let uses_boxes =
+            inputs.boxes && matches!(self.traversal, Traversal::Boxes | Traversal::Hybrid);
         let hybrid = self.traversal == Traversal::Hybrid;
         let tiles = BEAM_PX.map(|side| rays.size_px.map(|n| n.div_ceil(side)));
         if !hybrid {
