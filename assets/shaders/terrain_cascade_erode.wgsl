@@ -1,7 +1,9 @@
 // Turns what a light's coarse rays hit into a caster that never shadows the surface it was cast from.
 //
-// In:  `hit_depth`, R32Float, n x n: linear depth along the light, 1 nearest to it, 0 = no terrain.
-// Out: `caster_depth`, the same, pushed away from the light.
+// Three steps: `DIPS` pushes each hit by what the surface may dip beside it, `ROWS` takes the farthest along x,
+// and without either the farthest along y.
+// In:  `depth_in`, R32Float, n x n: linear depth along the light, 1 nearest to it, 0 = no terrain.
+// Out: `depth_out`, the same, pushed away from the light.
 //
 // Why nothing of it lies before a sunlit point of the terrain
 //   Lengths are in coarse texels, of k shadow texels each. `terrain_cascade.wgsl` gives shadow texel p the
@@ -30,7 +32,7 @@
 struct Erosion {
     /// Side of the cast. units: coarse texels
     size: i32,
-    /// units: coarse texels; at most `MAX_REACH`
+    /// units: coarse texels
     reach: i32,
     /// units: depth
     max_push: f32,
@@ -38,19 +40,12 @@ struct Erosion {
 };
 
 @group(0) @binding(0) var<uniform> erosion: Erosion;
-@group(0) @binding(1) var hit_depth: texture_2d<f32>;
-@group(0) @binding(2) var caster_depth: texture_storage_2d<r32float, write>;
+@group(0) @binding(1) var depth_in: texture_2d<f32>;
+@group(0) @binding(2) var depth_out: texture_storage_2d<r32float, write>;
 
-/// As in `cascades/mod.rs`.
-const MAX_REACH: i32 = 6;
-const GROUP: i32 = 8;
-const PUSHED_SIDE: i32 = GROUP + 2 * MAX_REACH;
-const HIT_SIDE: i32 = PUSHED_SIDE + 2;
-
-var<workgroup> hits: array<array<f32, HIT_SIDE>, HIT_SIDE>;
-var<workgroup> pushed: array<array<f32, PUSHED_SIDE>, PUSHED_SIDE>;
-/// Farthest along x only.
-var<workgroup> rows: array<array<f32, GROUP>, PUSHED_SIDE>;
+fn depth_at(at: vec2<i32>) -> f32 {
+    return textureLoad(depth_in, clamp(at, vec2(0), vec2(erosion.size - 1)), 0).x;
+}
 
 /// How far the surface can dip between a hit and its neighbours along one axis. Beside nothing there is no dip.
 fn dip(before: f32, at: f32, after: f32) -> f32 {
@@ -58,39 +53,25 @@ fn dip(before: f32, at: f32, after: f32) -> f32 {
 }
 
 @compute @workgroup_size(8, 8, 1)
-fn terrain_cascade_erode(@builtin(local_invocation_id) local_id: vec3<u32>, @builtin(workgroup_id) group: vec3<u32>) {
-    let local = vec2<i32>(local_id.xy);
-    let at = vec2<i32>(group.xy) * GROUP + local;
-    let pushed_side = GROUP + 2 * erosion.reach;
-    let first = at - local - erosion.reach - 1;
-    for (var y = local.y; y < pushed_side + 2; y += GROUP) {
-        for (var x = local.x; x < pushed_side + 2; x += GROUP) {
-            hits[y][x] = textureLoad(hit_depth, clamp(first + vec2(x, y), vec2(0), vec2(erosion.size - 1)), 0).x;
-        }
-    }
-    workgroupBarrier();
-    for (var y = local.y; y < pushed_side; y += GROUP) {
-        for (var x = local.x; x < pushed_side; x += GROUP) {
-            let hit = hits[y + 1][x + 1];
-            let push = dip(hits[y + 1][x], hit, hits[y + 1][x + 2]) + dip(hits[y][x + 1], hit, hits[y + 2][x + 1]);
-            pushed[y][x] = max(hit - min(push, erosion.max_push) - erosion.slack, 0.0);
-        }
-    }
-    workgroupBarrier();
-    for (var y = local.y; y < pushed_side; y += GROUP) {
-        var farthest = 1.0;
-        for (var x = 0; x <= 2 * erosion.reach; x++) {
-            farthest = min(farthest, pushed[y][local.x + x]);
-        }
-        rows[y][local.x] = farthest;
-    }
-    workgroupBarrier();
+fn terrain_cascade_erode(@builtin(global_invocation_id) id: vec3<u32>) {
+    let at = vec2<i32>(id.xy);
     if any(at >= vec2(erosion.size)) {
         return;
     }
-    var farthest = 1.0;
-    for (var y = 0; y <= 2 * erosion.reach; y++) {
-        farthest = min(farthest, rows[local.y + y][local.x]);
+#ifdef DIPS
+    let hit = depth_at(at);
+    let push = dip(depth_at(at - vec2(1, 0)), hit, depth_at(at + vec2(1, 0)))
+        + dip(depth_at(at - vec2(0, 1)), hit, depth_at(at + vec2(0, 1)));
+    let depth = max(hit - min(push, erosion.max_push) - erosion.slack, 0.0);
+#else
+    var depth = 1.0;
+    for (var i = -erosion.reach; i <= erosion.reach; i++) {
+#ifdef ROWS
+        depth = min(depth, depth_at(at + vec2(i, 0)));
+#else
+        depth = min(depth, depth_at(at + vec2(0, i)));
+#endif
     }
-    textureStore(caster_depth, at, vec4(farthest, 0.0, 0.0, 0.0));
+#endif
+    textureStore(depth_out, at, vec4(depth, 0.0, 0.0, 0.0));
 }

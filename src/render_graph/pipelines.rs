@@ -63,7 +63,11 @@ pub enum PipelineKey {
         float: bool,
         mesh: MeshPipelineKey,
     },
-    TerrainCascadeErode,
+    /// `dips`, else `rows`, else columns.
+    TerrainCascadeErode {
+        dips: bool,
+        rows: bool,
+    },
     TerrainCascade,
 }
 
@@ -450,12 +454,16 @@ impl TerrainPipelines {
                     ..default()
                 }))
             }
-            PipelineKey::TerrainCascadeErode => compute(
-                "terrain_cascade_erode",
-                &shaders.terrain_cascade_erode,
-                vec![self.terrain_cascade_erode.clone()],
-                Vec::new(),
-            ),
+            PipelineKey::TerrainCascadeErode { dips, rows } => {
+                let steps = [(dips, "DIPS"), (rows, "ROWS")];
+                let defs = steps.iter().filter(|(on, _)| *on);
+                compute(
+                    "terrain_cascade_erode",
+                    &shaders.terrain_cascade_erode,
+                    vec![self.terrain_cascade_erode.clone()],
+                    defs.map(|(_, name)| (*name).into()).collect(),
+                )
+            }
             PipelineKey::TerrainCascade => {
                 PipelineId::Render(cache.queue_render_pipeline(RenderPipelineDescriptor {
                     label: Some("terrain_cascade".into()),

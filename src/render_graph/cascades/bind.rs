@@ -37,20 +37,26 @@ impl TerrainCascades {
                 surface: view("skyline_cascade_hit_surface", TextureFormat::R32Uint),
             });
             for cascade in self.cascades.values_mut() {
-                cascade.erode_group = None;
+                cascade.erode_groups = None;
                 for caster in &mut cascade.casters {
                     caster.groups = None;
                 }
             }
         }
-        if self.draw.is_none()
-            && let (PipelineId::Compute(erode), PipelineId::Render(draw)) = (
-                pipelines.get(cache, PipelineKey::TerrainCascadeErode),
-                pipelines.get(cache, PipelineKey::TerrainCascade),
-            )
-        {
-            self.erode = Some(erode);
-            self.draw = Some(draw);
+        if self.draw.is_none() {
+            let mut step = |dips, rows| match pipelines
+                .get(cache, PipelineKey::TerrainCascadeErode { dips, rows })
+            {
+                PipelineId::Compute(id) => Some(id),
+                PipelineId::Render(_) => None,
+            };
+            self.erode = match [step(true, false), step(false, true), step(false, false)] {
+                [Some(dips), Some(rows), Some(columns)] => Some([dips, rows, columns]),
+                _ => None,
+            };
+            if let PipelineId::Render(draw) = pipelines.get(cache, PipelineKey::TerrainCascade) {
+                self.draw = Some(draw);
+            }
         }
         let unused = self.unused.get_or_insert_with(|| Unused::new(device));
         let Some(targets) = &self.targets else { return };
@@ -160,17 +166,22 @@ impl TerrainCascade {
                 TextureFormat::R32Float,
             );
             self.depth = Some(depth.create_view(&default()));
-            self.erode_group = None;
+            self.erode_groups = None;
             self.draw_group = None;
         }
         let Some(depth) = &self.depth else { return };
-        if self.erode_group.is_none()
+        if self.erode_groups.is_none()
             && let Some(erosion) = self.erosion.binding()
         {
-            self.erode_group = Some(device.create_bind_group(
-                "skyline_terrain_cascade_erode",
-                &cache.get_bind_group_layout(&pipelines.terrain_cascade_erode),
-                &BindGroupEntries::sequential((erosion, &targets.depth, depth)),
+            let layout = cache.get_bind_group_layout(&pipelines.terrain_cascade_erode);
+            self.erode_groups = Some([(&targets.depth, depth), (depth, &targets.depth)].map(
+                |(from, to)| {
+                    device.create_bind_group(
+                        "skyline_terrain_cascade_erode",
+                        &layout,
+                        &BindGroupEntries::sequential((erosion.clone(), from, to)),
+                    )
+                },
             ));
         }
         if self.draw_group.is_none()

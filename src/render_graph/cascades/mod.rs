@@ -44,7 +44,7 @@ pub use prepare::prepare_terrain_cascades;
 const COARSE_TEXELS: u32 = 4;
 /// What is cast beyond each side of a cascade, so that it can move on without a new cast. units: its side
 const BORDER: f32 = 0.125;
-/// The farthest that casters shrink for. As in `terrain_cascade_erode.wgsl`. units: coarse texels
+/// The farthest that casters shrink for. units: coarse texels
 const MAX_REACH: u32 = 6;
 /// Depth that changes faster than this with the distance across the light (76° to it) is taken for an edge: no dip
 /// is believed to be deeper, and what is farther apart isn't blended.
@@ -58,7 +58,8 @@ pub struct TerrainCascades {
     targets: Option<CastTargets>,
     /// Stand-ins for what `ray_cast` doesn't use here.
     unused: Option<Unused>,
-    erode: Option<CachedComputePipelineId>,
+    /// Its steps, in order.
+    erode: Option<[CachedComputePipelineId; 3]>,
     draw: Option<CachedRenderPipelineId>,
     generation: u64,
 }
@@ -80,7 +81,8 @@ struct TerrainCascade {
     depth: Option<TextureView>,
     erosion: UniformBuffer<GpuCascadeErosion>,
     write: UniformBuffer<GpuCascadeWrite>,
-    erode_group: Option<BindGroup>,
+    /// From what was hit to `depth`, and back.
+    erode_groups: Option<[BindGroup; 2]>,
     draw_group: Option<BindGroup>,
     /// `depth` is out of date.
     due: bool,

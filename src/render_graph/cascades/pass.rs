@@ -32,7 +32,7 @@ pub fn terrain_cascade(
     let cascades = &mut *cascades;
     let (Some(targets), Some(erode), Some(draw)) = (
         &cascades.targets,
-        cascades.erode.and_then(|id| cache.get_compute_pipeline(id)),
+        cascades.erode,
         cascades.draw.and_then(|id| cache.get_render_pipeline(id)),
     ) else {
         return;
@@ -65,7 +65,7 @@ impl TerrainCascade {
     fn cast_rays(
         &self,
         targets: &CastTargets,
-        erode: &ComputePipeline,
+        erode: [CachedComputePipelineId; 3],
         cache: &PipelineCache,
         stats: &TerrainStats,
         diagnostics: Option<&DiagnosticsRecorder>,
@@ -81,9 +81,15 @@ impl TerrainCascade {
                     .all(|id| cache.get_compute_pipeline(*id).is_some())
             })
         });
-        let Some(erode_group) = self.erode_group.as_ref().filter(|_| ready) else {
+        let [dips, rows, columns] = erode.map(|id| cache.get_compute_pipeline(id));
+        let (Some(dips), Some(rows), Some(columns), Some([to_kept, to_hits])) =
+            (dips, rows, columns, &self.erode_groups)
+        else {
             return false;
         };
+        if !ready {
+            return false;
+        }
         let groups_across = targets.side.div_ceil(WORKGROUP_PX);
         let rays = u64::from(targets.side) * u64::from(targets.side);
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
@@ -116,9 +122,12 @@ impl TerrainCascade {
             timestamp_writes: None,
         });
         let span = diagnostics.pass_span(&mut pass, "terrain_cascade_erode");
-        pass.set_pipeline(erode);
-        pass.set_bind_group(0, &**erode_group, &[]);
-        pass.dispatch_workgroups(groups_across, groups_across, 1);
+        // What was hit is not needed any more, so the middle step may overwrite it.
+        for (step, group) in [(dips, to_kept), (rows, to_hits), (columns, to_kept)] {
+            pass.set_pipeline(step);
+            pass.set_bind_group(0, &**group, &[]);
+            pass.dispatch_workgroups(groups_across, groups_across, 1);
+        }
         span.end(&mut pass);
         stats.count_dispatch("terrain_cascade_erode", rays);
         true
