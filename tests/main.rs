@@ -22,6 +22,9 @@ mod ray_cast;
 #[cfg(feature = "cli")]
 #[path = "it/terrain_app.rs"]
 mod terrain_app;
+#[cfg(feature = "cli")]
+#[path = "it/terrain_cascades.rs"]
+mod terrain_cascades;
 #[path = "it/terrain_scenes.rs"]
 mod terrain_scenes;
 #[cfg(feature = "cli")]

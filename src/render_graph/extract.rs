@@ -13,9 +13,12 @@ use bevy::{
 };
 
 use super::{height_mips::GpuHeightFields, view::MAX_TERRAINS};
-use crate::terrain::{
-    HeightField, HeightSamples, Terrain, TerrainLook, TerrainRayCasting,
-    view_rays::{near_plane_bounds, starts_in_air},
+use crate::{
+    terrain::{
+        HeightField, HeightSamples, Terrain, TerrainLook, TerrainRayCasting,
+        view_rays::{near_plane_bounds, starts_in_air},
+    },
+    terrain_shadow::TerrainShadow,
 };
 
 /// One terrain of this frame.
@@ -30,6 +33,8 @@ pub struct ExtractedTerrain {
     pub cells: UVec2,
     pub layers: RenderLayers,
     pub look: TerrainLook,
+    /// It is drawn into Bevy's cascades.
+    pub on_meshes: bool,
 }
 
 /// One camera that draws terrain.
@@ -60,6 +65,7 @@ type TerrainData = (
     &'static GlobalTransform,
     &'static InheritedVisibility,
     Option<&'static RenderLayers>,
+    Option<&'static TerrainShadow>,
 );
 
 /// What is read of a camera in the main world.
@@ -89,7 +95,7 @@ pub fn extract_terrains(
         gpu_fields.retain(|_| false);
         return;
     }
-    for (entity, terrain, transform, visible, layers) in &terrains {
+    for (entity, terrain, transform, visible, layers, shadow) in &terrains {
         let id = terrain.height_field.id();
         let Some(field) = fields.get(id) else {
             continue;
@@ -113,6 +119,7 @@ pub fn extract_terrains(
             cells: field.cells(),
             layers: layers.cloned().unwrap_or_default(),
             look: terrain.look.clone(),
+            on_meshes: shadow.is_some_and(|shadow| shadow.on_meshes),
         });
     }
     gpu_fields.retain(|id| {

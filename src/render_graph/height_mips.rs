@@ -66,7 +66,8 @@ pub struct GpuHeightField {
     /// Where each level starts; `level_offsets.len()` levels from level 1.
     pub level_offsets: Vec<u32>,
     texture: Texture,
-    revision: u64,
+    /// Of the asset, as it was last uploaded.
+    pub revision: u64,
     /// Samples uploaded whose nodes are still to be computed.
     pending: Option<URect>,
     /// The pyramid has been computed at least once.

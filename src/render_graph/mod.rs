@@ -6,14 +6,19 @@
 //! | `extract_shadows` | `ExtractSchedule` | – | – | notes which heights have changed |
 //! | `prepare_terrain_shadows` | `Render`, `PrepareResources` | – | – | plans what of the shadow maps is made |
 //! | `prepare_terrain_views` | `Render`, `PrepareResources` | – | – | rays, textures, lists |
+//! | `prepare_terrain_cascades` | `Render`, `PrepareResources` | `prepare_terrain_views` | – | adds to its counts; the cascades are there since `CreateViews` |
 //! | `prepare_terrain_bind_groups` | `Render`, `PrepareBindGroups` | – | – | binds what is new, queues pipelines |
 //! | `height_mips` | `RenderGraph` | – | `camera_driver` | views read this frame's pyramid |
 //! | `terrain_shadow` | `RenderGraph` | `height_mips` | `camera_driver` | views read the maps it shows |
 //! | `cast_terrain` | `Core3d`, `Prepass` | `early_prepass` | `early_downsample_depth`, `late_prepass` | rays stop at meshes; terrain is in Bevy's depth pyramid |
+//! | `terrain_cascade` | `Core3d`, `Prepass` | `per_view_shadow_pass` (early) | `early_downsample_depth`, `per_view_shadow_pass` (late), `MainPass` | terrain is among the casters that occlusion culling of lights and shading read |
 //! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
 //!
 //! `cast_terrain` is `subdivide`, `box_entry`, `beam`, `ray_cast` for each terrain, then `terrain_depth` for all.
+//! `terrain_cascade` is `terrain_cascade_cast` and `terrain_cascade_erode` for each cascade that needs it, then the
+//! depth of each.
 
+pub mod cascades;
 pub mod extract;
 pub mod height_mips;
 pub mod pipelines;
@@ -32,7 +37,7 @@ use bevy::{
         prepass::node::{early_prepass, late_prepass},
         schedule::{Core3d, Core3dSystems, camera_driver},
     },
-    pbr::MeshPipelineSystems,
+    pbr::{EARLY_SHADOW_PASS, LATE_SHADOW_PASS, MeshPipelineSystems, per_view_shadow_pass},
     prelude::*,
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems,
@@ -42,6 +47,7 @@ use bevy::{
     },
 };
 
+use cascades::{TerrainCascades, prepare_terrain_cascades, terrain_cascade};
 use extract::{ExtractedTerrains, extract_terrains};
 use height_mips::{GpuHeightFields, height_mips};
 use pipelines::init_terrain_pipelines;
@@ -75,6 +81,7 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
         .init_gpu_resource::<GpuHeightFields>()
         .init_gpu_resource::<TerrainShadows>()
         .init_gpu_resource::<TerrainViews>()
+        .init_gpu_resource::<TerrainCascades>()
         .add_systems(
             RenderStartup,
             init_terrain_pipelines.after(MeshPipelineSystems),
@@ -85,6 +92,9 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
             (
                 (prepare_terrain_views, prepare_terrain_shadows)
                     .in_set(RenderSystems::PrepareResources),
+                prepare_terrain_cascades
+                    .in_set(RenderSystems::PrepareResources)
+                    .after(prepare_terrain_views),
                 prepare_terrain_bind_groups.in_set(RenderSystems::PrepareBindGroups),
             ),
         )
@@ -106,6 +116,14 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
                     .before(early_downsample_depth)
                     .before(late_prepass)
                     .in_set(Core3dSystems::Prepass),
+                terrain_cascade
+                    // Bevy's pass clears the maps, at the latest.
+                    .after(per_view_shadow_pass::<EARLY_SHADOW_PASS>)
+                    // Casters that terrain hides from the light are not drawn late.
+                    .before(early_downsample_depth)
+                    .before(per_view_shadow_pass::<LATE_SHADOW_PASS>)
+                    // Which reads the maps.
+                    .before(Core3dSystems::MainPass),
                 terrain::terrain_shade
                     // What meshes cover is not lit.
                     .after(main_opaque_pass_3d)

@@ -21,6 +21,7 @@ use bevy::{
 };
 
 use super::{
+    cascades::{GpuCascadeErosion, GpuCascadeWrite},
     height_mips::{GpuField, GpuMipLevel},
     shaders::Shaders,
     subdivide::GpuSubdividePass,
@@ -78,6 +79,12 @@ pub enum PipelineKey {
         float: bool,
         penumbra: bool,
     },
+    /// `dips`, else `rows`, else columns.
+    TerrainCascadeErode {
+        dips: bool,
+        rows: bool,
+    },
+    TerrainCascade,
 }
 
 /// A queued pipeline of either kind.
@@ -101,6 +108,8 @@ pub struct TerrainPipelines {
     shadow_field: [BindGroupLayoutDescriptor; 2],
     pub terrain_shadow: BindGroupLayoutDescriptor,
     pub shadow_sweep: BindGroupLayoutDescriptor,
+    pub terrain_cascade_erode: BindGroupLayoutDescriptor,
+    pub terrain_cascade: BindGroupLayoutDescriptor,
     height_mips_float: BindGroupLayoutDescriptor,
     shaders: Shaders,
     mesh_pipeline: MeshPipeline,
@@ -282,6 +291,27 @@ impl TerrainPipelines {
                         uniform_buffer::<GpuSweep>(false),
                         storage_buffer_sized(false, None),
                     ),
+                ),
+            ),
+            terrain_cascade_erode: BindGroupLayoutDescriptor::new(
+                "skyline_terrain_cascade_erode",
+                &BindGroupLayoutEntries::sequential(
+                    compute,
+                    (
+                        uniform_buffer::<GpuCascadeErosion>(false),
+                        unfiltered(),
+                        texture_storage_2d(
+                            TextureFormat::R32Float,
+                            StorageTextureAccess::WriteOnly,
+                        ),
+                    ),
+                ),
+            ),
+            terrain_cascade: BindGroupLayoutDescriptor::new(
+                "skyline_terrain_cascade",
+                &BindGroupLayoutEntries::sequential(
+                    draw,
+                    (uniform_buffer::<GpuCascadeWrite>(false), unfiltered()),
                 ),
             ),
             shaders: Shaders::load(assets),
@@ -533,6 +563,36 @@ impl TerrainPipelines {
                         count: mesh.msaa_samples(),
                         ..default()
                     },
+                    ..default()
+                }))
+            }
+            PipelineKey::TerrainCascadeErode { dips, rows } => {
+                let steps = [(dips, "DIPS"), (rows, "ROWS")];
+                let defs = steps.iter().filter(|(on, _)| *on);
+                compute(
+                    "terrain_cascade_erode",
+                    &shaders.terrain_cascade_erode,
+                    vec![self.terrain_cascade_erode.clone()],
+                    defs.map(|(_, name)| (*name).into()).collect(),
+                )
+            }
+            PipelineKey::TerrainCascade => {
+                PipelineId::Render(cache.queue_render_pipeline(RenderPipelineDescriptor {
+                    label: Some("terrain_cascade".into()),
+                    layout: vec![self.terrain_cascade.clone()],
+                    vertex: VertexState {
+                        shader: shaders.terrain_cascade.clone(),
+                        ..default()
+                    },
+                    fragment: Some(FragmentState {
+                        shader: shaders.terrain_cascade.clone(),
+                        ..default()
+                    }),
+                    depth_stencil: Some(depth_state(
+                        CORE_3D_DEPTH_FORMAT,
+                        CompareFunction::GreaterEqual,
+                        true,
+                    )),
                     ..default()
                 }))
             }

@@ -29,6 +29,8 @@ pub fn embed(app: &mut App) {
     embedded_asset!(app, "../../assets/shaders/terrain_shade.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_shadow.wgsl");
     embedded_asset!(app, "../../assets/shaders/shadow_sweep.wgsl");
+    embedded_asset!(app, "../../assets/shaders/terrain_cascade_erode.wgsl");
+    embedded_asset!(app, "../../assets/shaders/terrain_cascade.wgsl");
 }
 
 /// Handles to the entry points.
@@ -43,6 +45,8 @@ pub struct Shaders {
     pub terrain_shade: Handle<Shader>,
     pub terrain_shadow: Handle<Shader>,
     pub shadow_sweep: Handle<Shader>,
+    pub terrain_cascade_erode: Handle<Shader>,
+    pub terrain_cascade: Handle<Shader>,
 }
 
 impl Shaders {
@@ -60,6 +64,14 @@ impl Shaders {
                 "../../assets/shaders/terrain_shadow.wgsl"
             ),
             shadow_sweep: load_embedded_asset!(assets, "../../assets/shaders/shadow_sweep.wgsl"),
+            terrain_cascade_erode: load_embedded_asset!(
+                assets,
+                "../../assets/shaders/terrain_cascade_erode.wgsl"
+            ),
+            terrain_cascade: load_embedded_asset!(
+                assets,
+                "../../assets/shaders/terrain_cascade.wgsl"
+            ),
         }
     }
 }

@@ -20,6 +20,8 @@ pub struct TerrainCounts {
     pub field_bytes: u64,
     /// As above, of the views.
     pub view_bytes: u64,
+    /// As above, of what is drawn into Bevy's cascades.
+    pub cascade_bytes: u64,
     /// Pipelines queued so far.
     pub pipelines: u64,
     /// Camera and terrain pairs drawn in the last frame.
@@ -51,6 +53,8 @@ pub struct ShadowCounts {
     pub working: bool,
     /// Whether nothing can be timed here, so that the time slice is a guess.
     pub unmeasured: bool,
+    /// Rays of this frame's step.
+    pub rays: u64,
     /// What a ray costs by the last measurements. units: ns
     pub ns_per_ray: f32,
     /// GPU memory held. units: bytes

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Spans that terrain's GPU time is the sum of.
-const SPANS: [&str; 7] = [
+const SPANS: [&str; 10] = [
     "height_mips",
     "subdivide",
     "box_entry",
@@ -22,6 +22,9 @@ const SPANS: [&str; 7] = [
     "ray_cast",
     "terrain_depth",
     "terrain_shade",
+    "terrain_cascade_cast",
+    "terrain_cascade_erode",
+    "terrain_cascade",
 ];
 
 /// The diagnostics terrain's spans appear under, made once.
@@ -73,7 +76,7 @@ pub fn report_terrain(
     }
     let activity = entry.activity();
     activity.cpu_ms = counts.cpu_ms;
-    activity.bytes = counts.field_bytes + counts.view_bytes;
+    activity.bytes = counts.field_bytes + counts.view_bytes + counts.cascade_bytes;
     activity.gpu_ms = diagnostics.and_then(|store| {
         paths
             .0

@@ -148,6 +148,7 @@ pub fn prepare_terrain_shadows(
                         &queue,
                     );
                     counts.working = true;
+                    counts.rays += maps.planned.as_ref().map_or(0, |planned| planned.step.rays);
                 }
             }
         }

@@ -51,10 +51,10 @@ pub(super) struct BoundTo {
 }
 
 /// Stand-ins for what a traversal doesn't use.
-pub(super) struct Unused {
-    buffer: Buffer,
-    texture: TextureView,
-    nearest: Sampler,
+pub(in crate::render_graph) struct Unused {
+    pub buffer: Buffer,
+    pub texture: TextureView,
+    pub nearest: Sampler,
 }
 
 /// Binds what `prepare_terrain_views` prepared, where it is not bound already, and queues the pipelines.
@@ -340,7 +340,7 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
 }
 
 impl Unused {
-    fn new(device: &RenderDevice) -> Self {
+    pub fn new(device: &RenderDevice) -> Self {
         let texture = device.create_texture(&TextureDescriptor {
             label: Some("skyline_unused"),
             size: Extent3d::default(),

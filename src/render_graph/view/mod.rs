@@ -31,11 +31,11 @@ use crate::terrain::{
     Traversal,
     view_rays::{ViewInputs, ViewRays},
 };
-use bind::Unused;
-use slot::SlotInputs;
 
+pub(super) use bind::Unused;
 pub use bind::{SlotBindGroups, prepare_terrain_bind_groups};
 pub use gpu::{GpuPlacement, GpuTerrainLook, GpuTerrainView};
+pub(super) use slot::SlotInputs;
 pub use slot::{BoxLists, SlotPipelines, TerrainSlot, TileStarts};
 
 /// Terrains one camera can draw: `hit_surface` names them in eight bits.
@@ -208,6 +208,7 @@ pub fn prepare_terrain_views(
                     rays: &rays,
                     settings: &terrain_camera.settings,
                     in_air,
+                    boxes: true,
                     id: view.drawn.len() as u32 + 1,
                     viewport_px,
                     clip_from_world,

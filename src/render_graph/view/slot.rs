@@ -67,7 +67,7 @@ pub struct SlotPipelines {
 /// One terrain as one camera sees it.
 #[derive(Default)]
 pub struct TerrainSlot {
-    pub(super) view: UniformBuffer<GpuTerrainView>,
+    pub(in crate::render_graph) view: UniformBuffer<GpuTerrainView>,
     pub(super) placement: UniformBuffer<GpuPlacement>,
     pub(super) look: UniformBuffer<GpuTerrainLook>,
     pub lists: Option<BoxLists>,
@@ -89,19 +89,21 @@ pub struct TerrainSlot {
 }
 
 /// What a slot is prepared from.
-pub(super) struct SlotInputs<'a> {
-    pub(super) terrain: &'a ExtractedTerrain,
-    pub(super) field: &'a GpuHeightField,
-    pub(super) rays: &'a ViewRays,
-    pub(super) settings: &'a TerrainRayCasting,
-    pub(super) in_air: bool,
-    pub(super) id: u32,
-    pub(super) viewport_px: Vec2,
-    pub(super) clip_from_world: DMat4,
+pub(in crate::render_graph) struct SlotInputs<'a> {
+    pub terrain: &'a ExtractedTerrain,
+    pub field: &'a GpuHeightField,
+    pub rays: &'a ViewRays,
+    pub settings: &'a TerrainRayCasting,
+    pub in_air: bool,
+    /// Whether traversals that use boxes get them; without, their rays start where the terrain may begin.
+    pub boxes: bool,
+    pub id: u32,
+    pub viewport_px: Vec2,
+    pub clip_from_world: DMat4,
 }
 
 impl TerrainSlot {
-    pub(super) fn prepare(
+    pub(in crate::render_graph) fn prepare(
         &mut self,
         inputs: &SlotInputs,
         device: &RenderDevice,
@@ -121,7 +123,8 @@ impl TerrainSlot {
         self.float = field.float;
         self.levels = field.level_offsets.len() as u32;
         self.box_level = settings.box_texels.max(4).ilog2().min(self.levels);
-        let uses_boxes = matches!(self.traversal, Traversal::Boxes | Traversal::Hybrid);
+        let uses_boxes =
+            inputs.boxes && matches!(self.traversal, Traversal::Boxes | Traversal::Hybrid);
         let hybrid = self.traversal == Traversal::Hybrid;
         let tiles = BEAM_PX.map(|side| rays.size_px.map(|n| n.div_ceil(side)));
         if !hybrid {
