@@ -189,6 +189,15 @@ fn draw(options: &Options, field: HeightField, viewpoint: Viewpoint) -> Result<(
         Err(OfflineError::NotFinished(_)) if offline.counts().views_drawn == 0 => {}
         settled => settled?,
     }
+    // Nobody waits for these frames: all the time they need for shadows.
+    let world = offline.app.world_mut();
+    let mut shadows = world.query::<&mut TerrainShadow>();
+    for mut shadow in shadows.iter_mut(world) {
+        shadow.slice_ms = 1_000.0;
+    }
+    if offline.counts().views_drawn > 0 {
+        offline.settle_shadows(200)?;
+    }
     let mut times_ms: Vec<f64> = (0..options.frames)
         .map(|_| {
             let start = Instant::now();
@@ -220,6 +229,7 @@ fn draw(options: &Options, field: HeightField, viewpoint: Viewpoint) -> Result<(
     println!("adapter: {}", offline.adapter());
     if let Some(effects) = offline.app.world().get_resource::<Effects>() {
         println!("terrain: {}", effects.terrain());
+        println!("terrain shadow: {}", effects.terrain_shadow());
     }
     Ok(())
 }
@@ -258,7 +268,11 @@ fn fly(options: &Options, field: HeightField, viewpoint: Viewpoint) -> AppExit {
         .add_systems(Startup, start)
         .add_systems(
             Update,
-            (choose, report.run_if(on_timer(Duration::from_secs(1)))),
+            (
+                choose,
+                turn_sun,
+                report.run_if(on_timer(Duration::from_secs(1))),
+            ),
         )
         .run()
 }
@@ -281,6 +295,7 @@ fn start(world: &mut World) {
     };
     info!("{controls}");
     info!("1 per texel, 2 max mip, 3 boxes, 4 hybrid; + and - change the error allowed");
+    info!("the arrows turn the sun, raise it and lower it");
     world.spawn((
         Camera3d::default(),
         camera(&field, viewpoint),
@@ -329,6 +344,29 @@ fn choose(
     }
 }
 
+/// Turns the sun about the vertical and raises it, for as long as keys are held.
+fn turn_sun(
+    time: Res<Time>,
+    keys: Res<ButtonInput<KeyCode>>,
+    mut suns: Query<&mut Transform, With<DirectionalLight>>,
+) {
+    let held = |key| f32::from(u8::from(keys.pressed(key)));
+    let turn = held(KeyCode::ArrowRight) - held(KeyCode::ArrowLeft);
+    let rise = held(KeyCode::ArrowUp) - held(KeyCode::ArrowDown);
+    if turn == 0.0 && rise == 0.0 {
+        return;
+    }
+    let step = 0.3 * time.delta_secs();
+    for mut sun in &mut suns {
+        let to_sun = *sun.back();
+        let elevation = (to_sun.y.asin() + rise * step).clamp(0.0, 1.5);
+        let azimuth = to_sun.x.atan2(to_sun.z) + turn * step;
+        let (sin, cos) = elevation.sin_cos();
+        let to_sun = Vec3::new(cos * azimuth.sin(), sin, cos * azimuth.cos());
+        *sun = Transform::default().looking_to(-to_sun, Vec3::Y);
+    }
+}
+
 fn report(
     diagnostics: Res<DiagnosticsStore>,
     effects: Res<Effects>,
@@ -340,6 +378,7 @@ fn report(
         return;
     };
     info!("frame {frame_ms:.1} ms; terrain {}", effects.terrain());
+    info!("terrain shadow {}", effects.terrain_shadow());
     for (mut window, casting) in windows.iter_mut().zip(&cameras) {
         window.title = format!(
             "Skyline · {frame_ms:.1} ms · {} · at most {} px off",

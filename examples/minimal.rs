@@ -1,4 +1,4 @@
-//! The smallest app with a terrain: hills made by code, a camera and a sun.
+//! The smallest app with a terrain and its shadows: hills made by code, a camera and a sun.
 
 use bevy::prelude::*;
 use bevy_skyline::prelude::*;
@@ -19,14 +19,20 @@ fn setup(mut commands: Commands, mut height_fields: ResMut<Assets<HeightField>>)
             + 45.0 * (2.7 * x + z).sin()
             + 20.0 * (6.1 * z - 3.0 * x).cos()
     })?;
-    commands.spawn(Terrain::new(height_fields.add(hills)));
+    commands.spawn((
+        Terrain::new(height_fields.add(hills)),
+        TerrainShadow::default(),
+    ));
     commands.spawn((
         Camera3d::default(),
         Transform::from_xyz(600.0, 700.0, 600.0)
             .looking_at(Vec3::new(2500.0, 100.0, 2500.0), Vec3::Y),
     ));
     commands.spawn((
-        DirectionalLight::default(),
+        DirectionalLight {
+            shadow_maps_enabled: true,
+            ..default()
+        },
         Transform::default().looking_to(Vec3::new(-1.0, -0.6, 0.4), Vec3::Y),
     ));
     Ok(())

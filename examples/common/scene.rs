@@ -4,7 +4,9 @@ use core::f32::consts::TAU;
 
 use bevy::{
     camera::ClearColorConfig,
-    light::{AmbientLight, CascadeShadowConfigBuilder, NotShadowCaster, NotShadowReceiver},
+    light::{
+        AmbientLight, CascadeShadowConfigBuilder, NotShadowCaster, NotShadowReceiver, SunDisk,
+    },
     mesh::VertexAttributeValues,
     pbr::{DistanceFog, FogFalloff},
     prelude::*,
@@ -89,7 +91,7 @@ pub fn populate(world: &mut World, field: HeightField, viewpoint: Viewpoint) {
         8.0 * diagonal,
     );
     let handle = world.resource_mut::<Assets<HeightField>>().add(field);
-    world.spawn(Terrain::new(handle));
+    world.spawn((Terrain::new(handle), TerrainShadow::default()));
     world.spawn((
         DirectionalLight {
             color: Color::srgb(1.0, 0.86, 0.68),
@@ -105,6 +107,8 @@ pub fn populate(world: &mut World, field: HeightField, viewpoint: Viewpoint) {
             ..default()
         }
         .build(),
+        // As large as ours, for the penumbrae.
+        SunDisk::EARTH,
         Transform::default().looking_to(-TO_SUN, Vec3::Y),
     ));
 }

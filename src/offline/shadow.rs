@@ -76,6 +76,24 @@ impl ShadowImage {
 }
 
 impl Offline {
+    /// Frames until every shadow map is up to date, at most `limit`. How many it takes depends on
+    /// [`slice_ms`](crate::terrain_shadow::TerrainShadow::slice_ms).
+    ///
+    /// # Errors
+    /// [`OfflineError::NotFinished`]; also if no camera sees the terrain, for then nothing is made.
+    pub fn settle_shadows(&mut self, limit: u32) -> Result<(), OfflineError> {
+        for _ in 0..limit {
+            self.step();
+            let shadows = self.counts().shadows;
+            if !shadows.waiting && shadows.shown == shadows.maps {
+                // Once more: what shows was copied while this frame's pipelines were still chosen without it.
+                self.step();
+                return Ok(());
+            }
+        }
+        Err(OfflineError::NotFinished(limit))
+    }
+
     /// The map that shows of a terrain and a light; `None` if there is none.
     ///
     /// # Errors

@@ -105,15 +105,10 @@ impl Scene {
     /// Frames until nothing is left to do.
     fn settle(&mut self) {
         self.offline.settle(self.camera, 10).unwrap();
-        for _ in 0..300 {
-            self.offline.step();
-            let shadows = self.counts().shadows;
-            if !shadows.waiting && shadows.maps > 0 && shadows.shown == shadows.maps {
-                self.offline.step();
-                return;
-            }
-        }
-        panic!("it never settles: {}", self.state());
+        // A frame for what has just changed to be noticed.
+        self.offline.step();
+        self.offline.settle_shadows(300).unwrap();
+        assert!(self.counts().shadows.maps > 0, "{}", self.state());
     }
 
     fn map(&self) -> ShadowImage {
@@ -516,6 +511,70 @@ fn shadows_take_direct_light_alone() {
         .flat_map(|(a, b)| (0..3).map(move |c| a[c].abs_diff(b[c])))
         .max();
     assert!(off <= Some(1), "ambient light was darkened by {off:?}");
+}
+
+#[test]
+fn where_cascades_end_no_seam_shows_on_the_ground() {
+    let Some(mut scene) = Scene::new(TerrainShadow::default(), above()) else {
+        return;
+    };
+    scene.turn_sun(0.2);
+    let world = scene.offline.app.world_mut();
+    // Cascades over the near half of what is seen: what is drawn into them ends in the middle of the picture.
+    world.insert_resource(bevy::light::DirectionalLightShadowMap { size: 512 });
+    world.entity_mut(scene.sun).insert(
+        bevy::light::CascadeShadowConfigBuilder {
+            num_cascades: 2,
+            first_cascade_far_bound: 300.0,
+            maximum_distance: 700.0,
+            ..default()
+        }
+        .build(),
+    );
+    *world.get_mut::<Transform>(scene.camera).unwrap() = Transform::from_xyz(600.0, 260.0, 1040.0)
+        .looking_at(Vec3::new(600.0, 60.0, 300.0), Vec3::Y);
+    // A mesh that may receive, or nothing is drawn into cascades at all.
+    let mesh = world
+        .resource_mut::<Assets<Mesh>>()
+        .add(Cuboid::from_length(1.0));
+    let material = world
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(StandardMaterial::default());
+    world.spawn((
+        Mesh3d(mesh),
+        MeshMaterial3d(material),
+        Transform::from_xyz(600.0, 240.0, 1000.0),
+    ));
+    scene.settle();
+    let drawn = scene
+        .counts()
+        .passes
+        .get("terrain_cascade")
+        .map_or(0, |c| c.runs);
+    assert!(drawn > 0, "nothing is drawn into cascades");
+    let with = scene.offline.picture(&scene.target).unwrap();
+    scene
+        .offline
+        .app
+        .world_mut()
+        .get_mut::<TerrainShadow>(scene.terrain)
+        .unwrap()
+        .on_meshes = false;
+    scene.offline.step();
+    scene.offline.step();
+    let without = scene.offline.picture(&scene.target).unwrap();
+    let off = with
+        .pixels()
+        .zip(without.pixels())
+        .filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 8))
+        .count();
+    let shadowed = scene.map().visibility.iter().filter(|v| **v == 0).count();
+    assert!(shadowed > 5_000, "hardly any shadow to see");
+    // The cascades' copy of the terrain lies within the map's shadow.
+    assert!(
+        off < (SIZE.x * SIZE.y) as usize / 500,
+        "{off} pixels differ"
+    );
 }
 
 #[test]
