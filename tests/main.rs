@@ -12,8 +12,6 @@ mod data;
 mod height_field;
 #[path = "it/loader.rs"]
 mod loader;
-#[path = "it/probe.rs"]
-mod probe;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]
