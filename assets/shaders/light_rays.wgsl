@@ -45,6 +45,8 @@ const LIGHT_POINT: u32 = 1u;
 
 /// Side of a tile, which lies in the map in one piece. units: samples
 const TILE: u32 = 64u;
+/// Bytes of a tile: its samples, then their averages, level by level.
+const TILE_BYTES: u32 = 5464u;
 
 @group(1) @binding(0) var<uniform> light: Light;
 
@@ -318,5 +320,10 @@ fn visible_share(at: vec2<i32>, height: f32, highest: u32) -> f32 {
 fn map_byte(at: vec2<u32>) -> u32 {
     let tile = at / TILE - light.first_tile;
     let inside = at % TILE;
-    return (tile.y * light.tiles.x + tile.x) * TILE * TILE + inside.y * TILE + inside.x;
+    return (tile.y * light.tiles.x + tile.x) * TILE_BYTES + inside.y * TILE + inside.x;
+}
+
+/// Where in a tile a level of averages begins: 4096 + 1024 + ... before it.
+fn mip_offset(level: u32) -> u32 {
+    return (4u * TILE * TILE - ((4u * TILE * TILE) >> (2u * level))) / 3u;
 }

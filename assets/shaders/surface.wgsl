@@ -9,8 +9,8 @@ struct Surface {
     position: vec3<f32>,
     /// Slope of the surface, dy/dx and dy/dz. units: grid
     slope: vec2<f32>,
-    /// Samples that a pixel spans here, rounded to a power of two.
-    stride: u32,
+    /// Samples that a pixel spans here.
+    width: f32,
     /// On a wall: its outward direction along x or z, else zero.
     wall: vec2<f32>,
 };
@@ -38,7 +38,7 @@ fn surface_at(viewport_pixel: vec2<f32>, depth: f32) -> Surface {
     let width = view.pixel_a + view.pixel_b * t;
     let k = u32(clamp(round(log2(max(width, 1.0))), 0.0, f32(field.levels)));
     let stride = i32(1u << k);
-    surface.stride = 1u << k;
+    surface.width = width;
     let low = (vec2<i32>(at) >> vec2(k)) << vec2(k);
     let high = min(low + stride, field.cells);
     let weight = clamp((at - vec2<f32>(low)) / max(vec2<f32>(high - low), vec2(1.0)), vec2(0.0), vec2(1.0));

@@ -51,8 +51,8 @@ fn contact(in: pbr_types::PbrInput, to_light: vec3<f32>, enabled: bool) -> f32 {
     return 1.0;
 }
 
-/// `at` in cells, `stride` the samples a pixel spans.
-fn blocked_light(in: pbr_types::PbrInput, at: vec2<f32>, stride: u32) -> vec3<f32> {
+/// `at` in cells, `width` the samples a pixel spans.
+fn blocked_light(in: pbr_types::PbrInput, at: vec2<f32>, width: f32) -> vec3<f32> {
     var blocked = vec3(0.0);
     if light_maps.count == 0u {
         return blocked;
@@ -66,7 +66,7 @@ fn blocked_light(in: pbr_types::PbrInput, at: vec2<f32>, stride: u32) -> vec3<f3
         if map == light_maps.count {
             continue;
         }
-        let hidden = 1.0 - visibility_at(map, at, stride);
+        let hidden = 1.0 - visibility_at(map, at, width);
         if hidden <= 0.0 {
             continue;
         }
@@ -90,7 +90,7 @@ fn blocked_light(in: pbr_types::PbrInput, at: vec2<f32>, stride: u32) -> vec3<f3
         if map == light_maps.count {
             continue;
         }
-        let hidden = 1.0 - visibility_at(map, at, stride);
+        let hidden = 1.0 - visibility_at(map, at, width);
         if hidden <= 0.0 {
             continue;
         }

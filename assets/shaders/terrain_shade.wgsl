@@ -102,7 +102,7 @@ fn fragment(@builtin(position) position: vec4<f32>) -> Out {
     var colour = apply_pbr_lighting(input);
 #ifdef TERRAIN_SHADOW
     let at = clamp(surface.position.xz + vec2<f32>(view.anchor), vec2(0.0), vec2<f32>(field.cells));
-    colour = vec4(max(colour.rgb - blocked_light(input, at, surface.stride), vec3(0.0)), colour.a);
+    colour = vec4(max(colour.rgb - blocked_light(input, at, surface.width), vec3(0.0)), colour.a);
 #endif
     out.colour = main_pass_post_lighting_processing(input, colour);
     return out;

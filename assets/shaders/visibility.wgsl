@@ -19,20 +19,25 @@ struct LightMaps {
     maps: array<LightMap, 16>,
 };
 
-/// Side of a tile. units: samples
+/// Side of a tile, and its bytes, as in `light_rays.wgsl`. units: samples
 const TILE: u32 = 64u;
+const TILE_BYTES: u32 = 5464u;
+/// The level at which a tile is one average.
+const COARSEST: u32 = 6u;
 
 @group(3) @binding(6) var<uniform> light_maps: LightMaps;
 @group(3) @binding(7) var<storage, read> visibility: array<u32>;
 
-/// A sample's byte; all of the light beyond the map.
-fn sample_visibility(map: u32, at: vec2<u32>) -> f32 {
-    let tile = at / TILE - light_maps.maps[map].first_tile;
-    if any(at / TILE < light_maps.maps[map].first_tile) || any(tile >= light_maps.maps[map].tiles) {
+/// A sample's byte, or that of an average over 2^level of them a side; all of the light beyond the map.
+fn block_visibility(map: u32, level: u32, at: vec2<u32>) -> f32 {
+    let side = TILE >> level;
+    let tile = at / side - light_maps.maps[map].first_tile;
+    if any(at / side < light_maps.maps[map].first_tile) || any(tile >= light_maps.maps[map].tiles) {
         return 1.0;
     }
-    let inside = at % TILE;
-    let byte = (tile.y * light_maps.maps[map].tiles.x + tile.x) * TILE * TILE + inside.y * TILE + inside.x;
+    let inside = at % side;
+    let mip_offset = (4u * TILE * TILE - ((4u * TILE * TILE) >> (2u * level))) / 3u;
+    let byte = (tile.y * light_maps.maps[map].tiles.x + tile.x) * TILE_BYTES + mip_offset + inside.y * side + inside.x;
     let word = visibility[light_maps.maps[map].first_word + byte / 4u];
     return f32((word >> (8u * (byte % 4u))) & 0xffu) / 255.0;
 }
@@ -47,15 +52,29 @@ fn map_of(place: vec4<f32>) -> u32 {
     return light_maps.count;
 }
 
-/// Share of a light that is seen from a point of the ground, blended between the samples around it. Where a pixel
-/// spans several samples, those as far apart as it is wide are taken, as for the slope.
-fn visibility_at(map: u32, at: vec2<f32>, stride: u32) -> f32 {
-    let low = (vec2<u32>(at) / stride) * stride;
-    let high = min(low + stride, vec2<u32>(field.cells));
-    let weight = clamp((at - vec2<f32>(low)) / max(vec2<f32>(high - low), vec2(1.0)), vec2(0.0), vec2(1.0));
+fn level_visibility(map: u32, level: u32, at: vec2<f32>) -> f32 {
+    let size = f32(1u << level);
+    let last = field.cells >> vec2(level);
+    // A block's average stands for its middle.
+    let place = clamp((at - 0.5 * (size - 1.0)) / size, vec2(0.0), vec2<f32>(last));
+    let low = vec2<u32>(place);
+    let high = min(low + 1u, vec2<u32>(last));
+    let weight = place - vec2<f32>(low);
     return mix(
-        mix(sample_visibility(map, low), sample_visibility(map, vec2(high.x, low.y)), weight.x),
-        mix(sample_visibility(map, vec2(low.x, high.y)), sample_visibility(map, high), weight.x),
+        mix(block_visibility(map, level, low), block_visibility(map, level, vec2(high.x, low.y)), weight.x),
+        mix(block_visibility(map, level, vec2(low.x, high.y)), block_visibility(map, level, high), weight.x),
         weight.y,
     );
+}
+
+/// Share of a light that is seen from a point of the ground, blended between the samples around it; where a pixel is
+/// `width` samples wide, their average.
+fn visibility_at(map: u32, at: vec2<f32>, width: f32) -> f32 {
+    let level = clamp(log2(max(width, 1.0)), 0.0, f32(COARSEST));
+    let fine = u32(level);
+    let visibility = level_visibility(map, fine, at);
+    if level == f32(fine) {
+        return visibility;
+    }
+    return mix(visibility, level_visibility(map, fine + 1u, at), level - f32(fine));
 }

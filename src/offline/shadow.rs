@@ -103,23 +103,38 @@ impl Offline {
         terrain: Entity,
         light: Entity,
     ) -> Result<Option<ShadowImage>, OfflineError> {
-        let Some((maps, map, size)) = self.app.get_sub_app(RenderApp).and_then(|render| {
-            let maps = render
-                .world()
-                .get_resource::<TerrainShadows>()?
-                .get(terrain)?;
+        let size = self.app.get_sub_app(RenderApp).and_then(|render| {
+            let maps = render.world().get_resource::<TerrainShadows>()?;
+            Some(maps.get(terrain)?.size())
+        });
+        let tiles = self.shadow_tiles(terrain, light)?;
+        Ok(size
+            .zip(tiles)
+            .map(|(size, (grid, bytes))| ShadowImage::from_tiles(size, grid, &bytes)))
+    }
+
+    /// The same as the GPU has it: tile by tile, each with its averages behind.
+    ///
+    /// # Errors
+    /// [`OfflineError::ReadBack`].
+    pub fn shadow_tiles(
+        &self,
+        terrain: Entity,
+        light: Entity,
+    ) -> Result<Option<(TileGrid, Vec<u8>)>, OfflineError> {
+        let found = self.app.get_sub_app(RenderApp).and_then(|render| {
+            let shadows = render.world().get_resource::<TerrainShadows>()?;
+            let maps = shadows.get(terrain)?;
             let map = maps.lights.iter().find(|map| map.entity == light)?;
-            Some((maps, map, maps.size()))
-        }) else {
-            return Ok(None);
-        };
-        let (Some(buffer), Some(shown)) = (&maps.shown, map.shown) else {
+            Some((maps.shown.as_ref()?, map.shown?))
+        });
+        let Some((buffer, shown)) = found else {
             return Ok(None);
         };
         let bytes = self.read_back(shown.grid.bytes(), |encoder, to| {
             encoder.copy_buffer_to_buffer(buffer, shown.offset, to, 0, shown.grid.bytes());
         })?;
-        Ok(Some(ShadowImage::from_tiles(size, shown.grid, &bytes)))
+        Ok(Some((shown.grid, bytes)))
     }
 
     /// Makes a map of a field that some terrain shows, in one go, `runs` times. Returns it, and how long each took
@@ -208,6 +223,8 @@ impl Offline {
                             cache,
                         )?;
                         let pipeline = cache.get_compute_pipeline(pipeline)?;
+                        let mips = Making::mips_pipeline(field.float, &mut pipelines, cache)?;
+                        let mips = cache.get_compute_pipeline(mips)?;
                         making.prepare(
                             &wanted,
                             &plan,
@@ -221,7 +238,7 @@ impl Offline {
                         );
                         let mut encoder = device.create_command_encoder(&default());
                         let listed = plan.list().len() as u32;
-                        making.record(&step, listed, pipeline, &mut encoder, None, stats);
+                        making.record(&step, listed, [pipeline, mips], &mut encoder, None, stats);
                         // What was written to the GPU's buffers above is not part of the time.
                         queue.submit([]);
                         device.poll(PollType::wait_indefinitely()).ok()?;

@@ -79,6 +79,9 @@ pub enum PipelineKey {
         float: bool,
         penumbra: bool,
     },
+    ShadowMips {
+        float: bool,
+    },
     /// `dips`, else `rows`, else columns.
     TerrainCascadeErode {
         dips: bool,
@@ -512,6 +515,15 @@ impl TerrainPipelines {
                     defs,
                 )
             }
+            PipelineKey::ShadowMips { float } => compute(
+                "shadow_mips",
+                &shaders.shadow_mips,
+                vec![
+                    self.shadow_field(float).clone(),
+                    self.terrain_shadow.clone(),
+                ],
+                field_defs(float, 0),
+            ),
             PipelineKey::ShadowSweep { float, penumbra } => {
                 let mut defs = field_defs(float, 0);
                 if penumbra {

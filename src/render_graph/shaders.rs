@@ -29,6 +29,7 @@ pub fn embed(app: &mut App) {
     embedded_asset!(app, "../../assets/shaders/terrain_shade.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_shadow.wgsl");
     embedded_asset!(app, "../../assets/shaders/shadow_sweep.wgsl");
+    embedded_asset!(app, "../../assets/shaders/shadow_mips.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_cascade_erode.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_cascade.wgsl");
 }
@@ -45,6 +46,7 @@ pub struct Shaders {
     pub terrain_shade: Handle<Shader>,
     pub terrain_shadow: Handle<Shader>,
     pub shadow_sweep: Handle<Shader>,
+    pub shadow_mips: Handle<Shader>,
     pub terrain_cascade_erode: Handle<Shader>,
     pub terrain_cascade: Handle<Shader>,
 }
@@ -64,6 +66,7 @@ impl Shaders {
                 "../../assets/shaders/terrain_shadow.wgsl"
             ),
             shadow_sweep: load_embedded_asset!(assets, "../../assets/shaders/shadow_sweep.wgsl"),
+            shadow_mips: load_embedded_asset!(assets, "../../assets/shaders/shadow_mips.wgsl"),
             terrain_cascade_erode: load_embedded_asset!(
                 assets,
                 "../../assets/shaders/terrain_cascade_erode.wgsl"

@@ -154,7 +154,7 @@ impl MapPlan {
             .or(self.shown.as_ref())
     }
 
-    /// Tiles to make this frame.
+    /// Tiles that this frame completes, coarsely or exactly.
     pub fn list(&self) -> &[u32] {
         &self.list
     }
@@ -210,6 +210,7 @@ impl MapPlan {
             job.lines.start = end;
             if job.lines.is_empty() {
                 step.publish = Publish::All;
+                self.list.extend(0..tiles);
                 self.finish();
             }
             return step;

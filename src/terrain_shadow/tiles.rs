@@ -7,6 +7,9 @@ use super::light::{GridLight, LightSource};
 /// Side of a tile, as `TILE` in `light_rays.wgsl`. units: samples
 pub const TILE: u32 = 64;
 
+/// Bytes of a tile: its samples, row by row, then their averages over 2×2, 4×4 … 64×64, and padding.
+pub const TILE_BYTES: u64 = 5464;
+
 /// The tiles of one map: those that hold the samples its light can reach.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TileGrid {
@@ -38,7 +41,7 @@ impl TileGrid {
 
     /// Bytes of the map.
     pub fn bytes(&self) -> u64 {
-        u64::from(self.len()) * u64::from(TILE * TILE)
+        u64::from(self.len()) * TILE_BYTES
     }
 
     /// The samples of a tile, cut off at the field's size; the last is not included.
@@ -52,7 +55,7 @@ impl TileGrid {
         let tile = sample / TILE - self.first;
         let inside = sample % TILE;
         let tile = (tile.y * self.count.x + tile.x) as usize;
-        tile * (TILE * TILE) as usize + (inside.y * TILE + inside.x) as usize
+        tile * TILE_BYTES as usize + (inside.y * TILE + inside.x) as usize
     }
 }
 
@@ -261,7 +264,7 @@ mod tests {
                 for i in samples.min.x..samples.max.x {
                     let byte = grid.byte(UVec2::new(i, j));
                     assert!(!core::mem::replace(&mut seen[byte], true));
-                    assert_eq!(byte / 4096, tile as usize);
+                    assert_eq!(byte / TILE_BYTES as usize, tile as usize);
                 }
             }
         }

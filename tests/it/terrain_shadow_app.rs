@@ -189,7 +189,12 @@ fn it_settles_to_the_exact_map_and_then_stands_still() {
         scene.offline.step();
     }
     let after = scene.counts();
-    for pass in ["terrain_shadow", "shadow_sweep", "height_mips"] {
+    for pass in [
+        "terrain_shadow",
+        "shadow_sweep",
+        "shadow_mips",
+        "height_mips",
+    ] {
         assert_eq!(before.passes.get(pass), after.passes.get(pass), "{pass}");
     }
     assert!(
@@ -201,8 +206,53 @@ fn it_settles_to_the_exact_map_and_then_stands_still() {
     for _ in 0..60 {
         scene.offline.step();
     }
-    // 300 × 260 samples are 5 × 5 tiles of 4096 bytes.
-    assert_eq!(scene.counts().shadows.bytes, 25 * 4096);
+    // 300 × 260 samples are 5 × 5 tiles of 4096 bytes and a third of that for averages.
+    assert_eq!(scene.counts().shadows.bytes, 25 * 5464);
+}
+
+#[test]
+fn every_tile_ends_with_its_averages() {
+    let Some(mut scene) = Scene::new(TerrainShadow::default(), above()) else {
+        return;
+    };
+    scene.settle();
+    let (grid, bytes) = scene
+        .offline
+        .shadow_tiles(scene.terrain, scene.sun)
+        .unwrap()
+        .unwrap();
+    let size = hills().size();
+    let (mut compared, mut between) = (0, 0);
+    for tile in 0..grid.len() {
+        let samples = grid.samples(tile, size);
+        let start = grid.byte(samples.min);
+        let mut finer: Vec<u8> = bytes[start..start + 4096].to_vec();
+        let mut last = samples.size() - 1;
+        let mut offset = start + 4096;
+        for level in 1..=6 {
+            let side = 64usize >> level;
+            let coarser: Vec<u8> = (0..side * side)
+                .map(|n| {
+                    let at = |x: usize, y: usize| {
+                        let (x, y) = (x.min(last.x as usize), y.min(last.y as usize));
+                        u32::from(finer[y * 2 * side + x])
+                    };
+                    let (x, y) = (n % side * 2, n / side * 2);
+                    let (x, y) = (x.min(last.x as usize), y.min(last.y as usize));
+                    let sum = at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1);
+                    ((sum + 2) / 4) as u8
+                })
+                .collect();
+            let made = &bytes[offset..offset + side * side];
+            assert_eq!(made, coarser, "tile {tile}, level {level}");
+            compared += coarser.len();
+            between += coarser.iter().filter(|v| (1..255).contains(*v)).count();
+            offset += side * side;
+            last /= 2;
+            finer = coarser;
+        }
+    }
+    assert!(compared > 30_000 && between > 1000, "{compared} {between}");
 }
 
 #[test]
@@ -654,10 +704,11 @@ fn every_kind_of_light_is_shadowed_and_only_where_the_map_says() {
             let cell = UVec2::new(at.x as u32, at.z as u32);
             let around = |n: u32| (0..=n).flat_map(move |j| (0..=n).map(move |i| UVec2::new(i, j)));
             // Surely in shadow: all samples for some way around.
-            if cell.min_element() < 4 || (cell + 8).cmpge(map.size).any() {
+            // A pixel is three samples wide here, so averages over four a side are blended.
+            if cell.min_element() < 8 || (cell + 8).cmpge(map.size).any() {
                 continue;
             }
-            let all_dark = around(8).all(|d| map.at(cell + d - 4) == 0);
+            let all_dark = around(16).all(|d| map.at(cell + d - 8) == 0);
             if all_dark {
                 dark += 1;
                 wrong += u32::from(pixel[0] > 2);

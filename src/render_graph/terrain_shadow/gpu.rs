@@ -22,12 +22,10 @@ use crate::{
         ShadowMethod,
         light::{GridLight, LightRay, LightSource},
         plan::{MadeFor, MapPlan, Publish, Step, SweepLines, Work},
-        tiles::{TILE, TileGrid},
+        tiles::{TILE_BYTES, TileGrid},
     },
 };
 
-/// Bytes of a tile.
-const TILE_BYTES: u64 = (TILE * TILE) as u64;
 /// Workgroups of a tile, made exactly and coarsely, as in `terrain_shadow.wgsl`.
 const TILE_GROUPS: u32 = 16;
 const COARSE_GROUPS: u32 = 4;
@@ -259,8 +257,9 @@ impl Making {
                     self.sweep.write_buffer(device, queue);
                 }
             }
-            _ => queue.write_buffer(&self.tiles, 0, bytemuck::cast_slice(plan.list())),
+            _ => {}
         }
+        queue.write_buffer(&self.tiles, 0, bytemuck::cast_slice(plan.list()));
         if self
             .bound
             .as_ref()
@@ -313,12 +312,25 @@ impl Making {
         })
     }
 
-    /// Records a step's work: one dispatch.
+    /// The pipeline that averages what a step has made.
+    pub fn mips_pipeline(
+        float: bool,
+        pipelines: &mut TerrainPipelines,
+        cache: &PipelineCache,
+    ) -> Option<CachedComputePipelineId> {
+        let PipelineId::Compute(id) = pipelines.get(cache, PipelineKey::ShadowMips { float })
+        else {
+            return None;
+        };
+        cache.get_compute_pipeline(id).map(|_| id)
+    }
+
+    /// Records a step's work: one dispatch, and one for the averages of the tiles it has completed.
     pub fn record(
         &self,
         step: &Step,
         listed: u32,
-        pipeline: &ComputePipeline,
+        [pipeline, mips]: [&ComputePipeline; 2],
         encoder: &mut CommandEncoder,
         timestamps: Option<ComputePassTimestampWrites>,
         stats: &TerrainStats,
@@ -347,6 +359,12 @@ impl Making {
         pass.set_bind_group(1, &bound.groups[group], &[]);
         pass.dispatch_workgroups(groups.0, groups.1, 1);
         stats.count_dispatch(label, step.rays);
+        if listed > 0 {
+            pass.set_pipeline(mips);
+            pass.set_bind_group(1, &bound.groups[1], &[]);
+            pass.dispatch_workgroups(listed, 1, 1);
+            stats.count_dispatch("shadow_mips", u64::from(listed));
+        }
     }
 
     /// Copies what is to show to where it shows.

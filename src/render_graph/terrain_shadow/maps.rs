@@ -70,7 +70,8 @@ pub struct Planned {
     pub map: usize,
     pub step: Step,
     pub made_for: MadeFor,
-    pub pipeline: CachedComputePipelineId,
+    /// The step's, and that of the averages.
+    pub pipelines: [CachedComputePipelineId; 2],
 }
 
 /// All shadow maps of one terrain.

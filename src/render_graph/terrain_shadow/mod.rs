@@ -213,6 +213,7 @@ fn plan(
     for work in works {
         Making::pipeline(&wanted, work, field.float, pipelines, cache)?;
     }
+    let mips = Making::mips_pipeline(field.float, pipelines, cache)?;
     let grid = maps.lights[index].plan.grid();
     maps.make_room(grid.len(), device, queue);
     let map = &mut maps.lights[index];
@@ -236,7 +237,7 @@ fn plan(
         map: index,
         step,
         made_for,
-        pipeline,
+        pipelines: [pipeline, mips],
     })
 }
 
@@ -267,7 +268,9 @@ pub fn terrain_shadow(
         ) else {
             continue;
         };
-        let Some(pipeline) = cache.get_compute_pipeline(planned.pipeline) else {
+        let [Some(pipeline), Some(mips)] =
+            planned.pipelines.map(|id| cache.get_compute_pipeline(id))
+        else {
             continue;
         };
         let map = &maps.lights[planned.map];
@@ -278,7 +281,14 @@ pub fn terrain_shadow(
             ctx.command_encoder(),
             |encoder, timestamps| {
                 let listed = map.plan.list().len() as u32;
-                making.record(&planned.step, listed, pipeline, encoder, timestamps, &stats);
+                making.record(
+                    &planned.step,
+                    listed,
+                    [pipeline, mips],
+                    encoder,
+                    timestamps,
+                    &stats,
+                );
                 let publish = planned.step.publish;
                 if publish != Publish::None {
                     making.publish(&map.plan, publish, shown, map.region.offset, encoder);
