@@ -14,6 +14,7 @@
 //! | `terrain_cascade` | `Core3d`, `Prepass` | `per_view_shadow_pass` (early) | `early_downsample_depth`, `per_view_shadow_pass` (late), `MainPass` | terrain is among the casters that occlusion culling of lights and shading read |
 //! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
 //!
+//! `terrain_shadow` is one dispatch of `terrain_shadow` or `shadow_sweep`, then `shadow_mips`.
 //! `cast_terrain` is `subdivide`, `box_entry`, `beam`, `ray_cast` for each terrain, then `terrain_depth` for all.
 //! `terrain_cascade` is `terrain_cascade_cast` and `terrain_cascade_erode` for each cascade that needs it, then the
 //! depth of each.

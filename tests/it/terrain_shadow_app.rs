@@ -796,6 +796,57 @@ fn an_exact_light_takes_the_place_of_its_transform() {
 }
 
 #[test]
+fn what_cannot_be_shadowed_is_said_and_the_rest_goes_on() {
+    let Some(mut scene) = Scene::new(TerrainShadow::default(), above()) else {
+        return;
+    };
+    scene
+        .offline
+        .app
+        .world_mut()
+        .entity_mut(scene.sun)
+        .insert(ExactLight::Direction(DVec3::ZERO));
+    scene.offline.settle(scene.camera, 10).unwrap();
+    for _ in 0..3 {
+        scene.offline.step();
+    }
+    assert!(
+        matches!(scene.state(), EffectState::Idle(why) if why.contains("no usable number")),
+        "{}",
+        scene.state()
+    );
+    // Twenty suns: sixteen have maps, and the words say so.
+    let world = scene.offline.app.world_mut();
+    world.entity_mut(scene.sun).remove::<ExactLight>();
+    let extra: Vec<_> = (0..20)
+        .map(|n| {
+            let sun = DirectionalLight {
+                illuminance: 10.0,
+                ..default()
+            };
+            world.spawn((sun, sun_at(0.3 + 0.04 * n as f32))).id()
+        })
+        .collect();
+    world
+        .get_mut::<TerrainShadow>(scene.terrain)
+        .unwrap()
+        .lights = ShadowedLights::All;
+    scene.settle();
+    assert_eq!(scene.counts().shadows.shown, 16);
+    assert!(
+        matches!(scene.state(), EffectState::Idle(why) if why.contains("at most 16 lights")),
+        "{}",
+        scene.state()
+    );
+    for entity in extra {
+        scene.offline.app.world_mut().despawn(entity);
+    }
+    scene.settle();
+    assert_eq!(scene.counts().shadows.shown, 1);
+    assert!(scene.map() == scene.fresh());
+}
+
+#[test]
 fn reporting_allocates_nothing_while_nothing_changes() {
     let Some(mut scene) = Scene::new(TerrainShadow::default(), above()) else {
         return;

@@ -206,11 +206,15 @@ impl TerrainMaps {
         self.refused = None;
         let mut moved = false;
         for light in lights {
-            let reached = light
-                .light
-                .is_usable()
-                .then(|| light.light.reached(terrain.size));
-            let Some(samples) = reached.flatten() else {
+            if !light.light.is_usable() {
+                self.refused = Some(
+                    "a light shines through: its direction, position or size is no usable number, or the \
+                     terrain's transform flattens it"
+                        .into(),
+                );
+                continue;
+            }
+            let Some(samples) = light.light.reached(terrain.size) else {
                 continue;
             };
             let grid = TileGrid::over(samples);
