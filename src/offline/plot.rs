@@ -23,13 +23,14 @@ const GREY_300: RGBColor = RGBColor(224, 224, 224);
 const GREY_600: RGBColor = RGBColor(96, 96, 96);
 
 /// Colours that the colour-blind can tell apart (Okabe and Ito 2008).
-const COLOURS: [RGBColor; 6] = [
+const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
+    RGBColor(0, 0, 0),
 ];
 
 /// An axis.
