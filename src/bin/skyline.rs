@@ -11,11 +11,7 @@ use bevy::math::{DVec3, UVec2};
 use bevy_skyline::{
     offline::{
         TRAVERSALS,
-        accuracy::{
-            AccuracyError,
-            scene::mountains,
-            shadow, terrain,
-        },
+        accuracy::{AccuracyError, scene::mountains, shadow, terrain},
         render::{Figures, RenderError, Shot, Sun, render},
         shadow::METHODS,
         shadow_map::{self, MOST_STRIPS, MapError, MapFigures, MapLight, MapShot},
@@ -169,7 +165,9 @@ impl ShadowArgs {
         let usage = |text: &str| Err(CliError::Usage(text.into()));
         let light = match (self.sun, self.light) {
             (Some(_), Some(_)) => {
-                return usage("--sun and --light are two lights, and a map has one: give one of them");
+                return usage(
+                    "--sun and --light are two lights, and a map has one: give one of them",
+                );
             }
             (None, None) => {
                 return usage("where the light is must be said: give --sun AZ,EL or --light X,Y,Z");

@@ -101,7 +101,7 @@ pub struct MapFigures {
     pub sun: Option<SunFigures>,
     /// The light, if it was one.
     pub light: Option<LightFigures>,
-    /// Strips the light's disc was cut into; 0 = hard shadows, and what a sweep has no use for.
+    /// Strips the light's disc was cut into; 0 = hard shadows. A sweep has 1, however many are asked for.
     pub strips: u32,
     /// How much of the light all samples see on average: of hard shadows, the share that is lit.
     pub lit_fraction: f64,
@@ -191,7 +191,9 @@ impl MapLight {
                 } else if position_m.length() < 1e18 {
                     Ok(())
                 } else {
-                    Err(MapError::NonFinite("the coordinates of the light, below 1e18 m,"))
+                    Err(MapError::NonFinite(
+                        "the coordinates of the light, below 1e18 m,",
+                    ))
                 }
             }
         }
@@ -293,7 +295,9 @@ pub fn make(field: HeightField, shot: &MapShot) -> Result<MadeMap, MapError> {
     let light = shot.light.over(&field);
     // Far away or on tiny cells, a place in metres may be none in cells.
     if !light.is_usable() {
-        return Err(MapError::NonFinite("the light's place, in cells of the field,"));
+        return Err(MapError::NonFinite(
+            "the light's place, in cells of the field,",
+        ));
     }
     let size = field.size().to_array();
     let spacing_m = field.texel_m();
@@ -306,7 +310,11 @@ pub fn make(field: HeightField, shot: &MapShot) -> Result<MadeMap, MapError> {
         times = stage.cast(&light, method, shot.strips, RUNS)?.1;
     }
     let seen: u64 = image.visibility.iter().map(|share| u64::from(*share)).sum();
-    let has_strips = !shot.light.is_hard() && method != ShadowMethod::Sweep;
+    let strips = match method {
+        _ if shot.light.is_hard() => 0,
+        ShadowMethod::Sweep => 1,
+        _ => shot.strips,
+    };
     let figures = MapFigures {
         size,
         method: method_name(method),
@@ -331,7 +339,7 @@ pub fn make(field: HeightField, shot: &MapShot) -> Result<MadeMap, MapError> {
                 radius_m,
             }),
         },
-        strips: if has_strips { shot.strips } else { 0 },
+        strips,
         lit_fraction: seen as f64 / (255.0 * image.visibility.len() as f64),
         time_ms: Timing::of(times),
         adapter: stage.offline.adapter(),

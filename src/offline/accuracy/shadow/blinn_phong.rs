@@ -111,8 +111,7 @@ pub(super) fn side_by_side(field: HeightField) -> Result<image::RgbImage, Accura
         let byte = |value: f64| (255.0 * value.clamp(0.0, 1.0)).round() as u8;
         image::Rgb(colour.to_array().map(byte))
     });
-    let mut both =
-        image::RgbImage::from_pixel(2 * SIZE.x + GAP, SIZE.y, image::Rgb([255; 3]));
+    let mut both = image::RgbImage::from_pixel(2 * SIZE.x + GAP, SIZE.y, image::Rgb([255; 3]));
     image::imageops::replace(&mut both, &left, 0, 0);
     image::imageops::replace(&mut both, &right, (SIZE.x + GAP).into(), 0);
     Ok(both)
@@ -176,8 +175,8 @@ impl<'a> Ground<'a> {
 
     /// Colour of a height, each band blended into the next about where it begins.
     fn base(&self, height_m: f64) -> DVec3 {
-        let (low, high) = self.field.height_range_m();
-        let share = (height_m - f64::from(low)) / f64::from(high - low).max(1e-9);
+        let (low, high) = self.field.data_range_m();
+        let share = (height_m - low) / (high - low).max(1e-9);
         let mut colour = DVec3::from_array(COLOURS[0].1);
         for (begin, next) in &COLOURS[1..] {
             let mix = ((share - begin) / 0.16 + 0.5).clamp(0.0, 1.0);

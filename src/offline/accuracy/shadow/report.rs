@@ -87,7 +87,9 @@ fn draw_elevations(report: &mut Report, lines: &[ShadowLine]) -> Result<(), Accu
         name: (*method).into(),
         points: lines
             .iter()
-            .filter(|line| line.setting.method == *method && line.setting.angular_size_deg == Some(0.0))
+            .filter(|line| {
+                line.setting.method == *method && line.setting.angular_size_deg == Some(0.0)
+            })
             .filter_map(|line| Some((line.setting.elevation_deg?, line.time_ms.median)))
             .collect(),
         quoted: false,
@@ -209,7 +211,11 @@ fn panel(map: &ShadowImage, exact: Option<&ShadowImage>) -> image::RgbImage {
                 });
                 let grey = (sum / count.max(1)) as u8;
                 // Under a difference the map is pale.
-                let grey = if exact.is_some() { 170 + grey / 3 } else { grey };
+                let grey = if exact.is_some() {
+                    170 + grey / 3
+                } else {
+                    grey
+                };
                 image::Rgb([grey; 3])
             }
         }
@@ -222,7 +228,8 @@ pub(super) fn draw_maps(
     lamps: &[Lamp],
     maps: &[Vec<(&'static str, ShadowImage)>],
 ) -> Result<(), AccuracyError> {
-    let low = |lamp: &Lamp| matches!(lamp.hard, MapLight::Sun { sun, .. } if sun.elevation_deg <= 20.0);
+    let low =
+        |lamp: &Lamp| matches!(lamp.hard, MapLight::Sun { sun, .. } if sun.elevation_deg <= 20.0);
     let Some((lamp, maps)) = lamps.iter().zip(maps).find(|(lamp, _)| low(lamp)) else {
         return Ok(());
     };
@@ -257,7 +264,12 @@ pub(super) fn draw_maps(
 }
 
 pub(super) fn tables(name: &str, lamps: &[Lamp], lines: &[ShadowLine]) -> Vec<Table> {
-    let heads = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+    let heads = |names: &[&str]| {
+        names
+            .iter()
+            .map(|name| (*name).to_owned())
+            .collect::<Vec<_>>()
+    };
     let count = |n: Option<usize>| n.map_or_else(|| "–".into(), |n| n.to_string());
     let spread = |time: &Timing| format!("{}…{} ({})", short(time.min), short(time.max), time.runs);
     let mut hard = Vec::new();

@@ -86,7 +86,10 @@ fn sides(field: &HeightField, plan: &Plan) -> Vec<u32> {
         &[256, 512, 1024, 2048, 4096]
     };
     let largest = field.size().max_element();
-    all.iter().copied().filter(|side| *side <= largest).collect()
+    all.iter()
+        .copied()
+        .filter(|side| *side <= largest)
+        .collect()
 }
 
 pub(super) fn elevations_deg(plan: &Plan) -> &'static [f64] {
@@ -176,7 +179,7 @@ fn measure_row(
     let mut maps = [const { None }; MAKERS.len()];
     let mut times = [const { Vec::new() }; MAKERS.len()];
     // Makers alternate, so that whatever else the machine does meets all of them alike.
-    for round in 0..plan.rounds().min(3) {
+    for round in 0..plan.rounds() {
         for (index, maker) in MAKERS.into_iter().enumerate() {
             let slow = times[index].last().is_some_and(|ms| *ms > SLOW_MS);
             if takes[index] > MOST_MS || (round > 0 && slow) {
@@ -228,9 +231,10 @@ const SWEEP: Maker = Maker::Gpu(ShadowMethod::Sweep);
 impl Sizes {
     /// A maker's time with four times the samples a side, over its time without: 16 is linear in the samples.
     fn growth(&self, row: &Row, maker: Maker) -> Option<f64> {
-        let small = self.rows.iter().find(|small| {
-            small.side * 4 == row.side && small.elevation_deg == row.elevation_deg
-        })?;
+        let small = self
+            .rows
+            .iter()
+            .find(|small| small.side * 4 == row.side && small.elevation_deg == row.elevation_deg)?;
         Some(row.ms(maker)? / small.ms(maker)?)
     }
 
