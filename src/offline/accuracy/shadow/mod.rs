@@ -30,6 +30,8 @@ use crate::{
 const AZIMUTH_DEG: f64 = 235.0;
 /// A map that takes longer is not made again for its time. units: ms
 const SLOW_MS: f64 = 2_000.0;
+/// Side of the map in the two pictures of one view.
+const PICTURE_SIDE: u32 = 1024;
 /// Strips of the twin's penumbra.
 const TWIN_STRIPS: u32 = 64;
 /// Of so many texels drawn one after the other those in a penumbra are taken.
@@ -511,7 +513,7 @@ pub fn measure(
     let table = sizes::measure(&mut stage, &field, name, plan, &progress)?;
     drop(stage);
     progress.set_message("Blinn–Phong and PBR");
-    let pictures = blinn_phong::side_by_side(map_field.clone())?;
+    let pictures = blinn_phong::side_by_side(coarser(&field, block_for(&field, PICTURE_SIDE))?)?;
     progress.finish_and_clear();
 
     report::draw_maps(&mut report, &lamps, &maps)?;

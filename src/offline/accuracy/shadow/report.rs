@@ -166,7 +166,7 @@ fn draw_penumbra(
     );
     LinePlot {
         title: format!("Time against error, {}, {words}", lamp.what).replace('°', " degrees"),
-        x: Axis::linear("penumbra, RMS error as a share of the light"),
+        x: Axis::log("penumbra, RMS error as a share of the light"),
         y: Axis::log("ms"),
         series,
     }
