@@ -26,7 +26,7 @@ const SIZE: UVec2 = UVec2::new(480, 270);
 const GAP: u32 = 6;
 const SUN: Sun = Sun {
     azimuth_deg: 235.0,
-    elevation_deg: 24.0,
+    elevation_deg: 16.0,
 };
 /// Frames to wait for the shadow map, and then for what of it is still coarse.
 const MOST_FRAMES: u32 = 60;

@@ -269,6 +269,7 @@ impl Sizes {
                     cells.extend([
                         number(row.ratio(CPU, PER_TEXEL)),
                         number(row.ratio(CPU, MAX_MIP)),
+                        number(row.ratio(CPU_ABOVE, PER_TEXEL)),
                         number(row.ratio(CPU_ABOVE, MAX_MIP)),
                         number(paper.map(|paper| paper.1 * 1e3)),
                         number(paper.map(|paper| paper.2 * 1e3)),
@@ -282,6 +283,7 @@ impl Sizes {
                     [
                         "CPU:per-texel",
                         "CPU:max-mip",
+                        "CPU above all:per-texel",
                         "CPU above all:max-mip",
                         "CPU in P5b ms",
                         "GPU in P5b ms",
@@ -324,8 +326,8 @@ impl Sizes {
                 [
                     (
                         format!(
-                            "P5b's table, sun {elevation}° high, hard shadows (CPU: one thread, f32; left out: \
-                             what would take more than {} s)",
+                            "P5b's table, sun {elevation}° high, hard shadows (CPU: one thread, f32; the GPU's \
+                             rays end above all too; left out: what would take more than {} s)",
                             MOST_MS / 1e3
                         ),
                         heads,
@@ -355,6 +357,7 @@ impl Sizes {
                 "cpu_ns_per_cell": row.ms(CPU).zip(row.cells).map(|(ms, cells)| 1e6 * ms / cells as f64),
                 "cpu_to_per_texel": row.ratio(CPU, PER_TEXEL),
                 "cpu_to_max_mip": row.ratio(CPU, MAX_MIP),
+                "cpu_above_all_to_per_texel": row.ratio(CPU_ABOVE, PER_TEXEL),
                 "cpu_above_all_to_max_mip": row.ratio(CPU_ABOVE, MAX_MIP),
                 "sweep_growth_from_a_quarter": self.growth(row, SWEEP),
             })
