@@ -6,6 +6,9 @@ mod allocations;
 #[cfg(feature = "cli")]
 #[path = "it/cli.rs"]
 mod cli;
+#[cfg(feature = "cli")]
+#[path = "it/cli_shadow.rs"]
+mod cli_shadow;
 #[path = "it/data.rs"]
 mod data;
 #[path = "it/height_field.rs"]

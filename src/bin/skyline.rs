@@ -11,22 +11,21 @@ use bevy::math::{DVec3, UVec2};
 use bevy_skyline::{
     offline::{
         TRAVERSALS,
-        accuracy::{
-            AccuracyError,
-            scene::mountains,
-            terrain::{Plan, measure},
-        },
+        accuracy::{AccuracyError, scene::mountains, shadow, terrain},
         render::{Figures, RenderError, Shot, Sun, render},
+        shadow::METHODS,
+        shadow_map::{self, MOST_STRIPS, MapError, MapFigures, MapLight, MapShot},
     },
     terrain::{
         HeightField, HeightFieldLoadError, HeightFieldNote, HeightFieldSettings, TerrainRayCasting,
         Traversal, read_height_field,
     },
+    terrain_shadow::ShadowMethod,
 };
 use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use serde::Serialize;
 
-/// Ray-cast terrain: pictures, depth and what accuracy costs.
+/// Ray-cast terrain: pictures, depth, shadow maps and what accuracy costs.
 #[derive(Parser)]
 #[command(name = "skyline", version)]
 struct Cli {
@@ -38,6 +37,8 @@ struct Cli {
 enum Command {
     /// Draw a height map to a PNG, and its depth to a file if asked.
     Render(RenderArgs),
+    /// Write the shadow map of a height map: one pixel a sample, 255 = lit.
+    Shadow(ShadowArgs),
     /// Measure what accuracy costs: time and error of every setting, with plots and a page that shows them.
     Accuracy(AccuracyArgs),
 }
@@ -64,6 +65,8 @@ struct AccuracyArgs {
 enum AccuracyEffect {
     /// Terrain ray casting (P1).
     Terrain,
+    /// Terrain shadow maps (P5b).
+    Shadow,
 }
 
 #[derive(Args)]
@@ -126,6 +129,80 @@ struct RenderArgs {
     depth: Option<PathBuf>,
 }
 
+#[derive(Args)]
+struct ShadowArgs {
+    /// 16-bit PNG or TIFF, float TIFF, SRTM .hgt or raw 16-bit.
+    #[arg(long, value_name = "F")]
+    heightmap: PathBuf,
+    #[command(flatten)]
+    scale: HeightMapArgs,
+    /// Direction to the sun in degrees: azimuth from +Z (rows) toward +X (columns), elevation above the horizon.
+    #[arg(long, value_name = "AZ,EL", value_parser = sun, allow_hyphen_values = true)]
+    sun: Option<Sun>,
+    /// Position of a point light in metres; Y is up, sample (0,0) at the origin, columns +X, rows +Z.
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    light: Option<DVec3>,
+    /// How visibility is found: per-texel, max-mip or sweep (suns only).
+    #[arg(long, default_value = "max-mip", value_parser = method)]
+    method: ShadowMethod,
+    /// Diameter of the sun in degrees, as 0.53; 0 = hard shadows.
+    #[arg(long, value_name = "DEG", value_parser = number, allow_hyphen_values = true)]
+    angular_size: Option<f64>,
+    /// Radius of the light in metres; 0 = hard shadows.
+    #[arg(long, value_name = "M", value_parser = number, allow_hyphen_values = true)]
+    radius: Option<f64>,
+    /// Upright strips that the disc of a light with a size is cut into, each with a ray of its own: 1 to 16.
+    // A map made once can take its time.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    strips: Option<u32>,
+    /// The map to write: an 8-bit grey PNG.
+    #[arg(long, value_name = "P.png")]
+    out: PathBuf,
+}
+
+impl ShadowArgs {
+    fn shot(&self) -> Result<MapShot, CliError> {
+        let usage = |text: &str| Err(CliError::Usage(text.into()));
+        let light = match (self.sun, self.light) {
+            (Some(_), Some(_)) => {
+                return usage(
+                    "--sun and --light are two lights, and a map has one: give one of them",
+                );
+            }
+            (None, None) => {
+                return usage("where the light is must be said: give --sun AZ,EL or --light X,Y,Z");
+            }
+            (Some(_), None) if self.radius.is_some() => {
+                return usage("--radius is a --light's, in metres: a sun has an --angular-size");
+            }
+            (None, Some(_)) if self.angular_size.is_some() => {
+                return usage("--angular-size is a sun's, in degrees: a --light has a --radius");
+            }
+            (Some(sun), None) => MapLight::Sun {
+                sun,
+                angular_size_deg: self.angular_size.unwrap_or(0.0),
+            },
+            (None, Some(position_m)) => MapLight::Point {
+                position_m,
+                radius_m: self.radius.unwrap_or(0.0),
+            },
+        };
+        let shot = MapShot {
+            light,
+            method: self.method,
+            strips: self.strips.unwrap_or(MOST_STRIPS),
+        };
+        shot.check()?;
+        if self.strips.is_some() && light.is_hard() {
+            return usage(
+                "--strips cut the disc of a light that has a size, and this has none: give --angular-size to a \
+                 --sun, --radius to a --light",
+            );
+        }
+        Ok(shot)
+    }
+}
+
 /// Why the command failed; says itself in one line.
 #[derive(thiserror::Error, Debug)]
 enum CliError {
@@ -145,6 +222,8 @@ enum CliError {
     #[error(transparent)]
     Render(#[from] RenderError),
     #[error(transparent)]
+    Map(#[from] MapError),
+    #[error(transparent)]
     Accuracy(#[from] AccuracyError),
 }
 
@@ -153,6 +232,7 @@ impl CliError {
     fn exit_code(&self) -> u8 {
         match self {
             Self::Render(error) if !error.is_input() => 1,
+            Self::Map(error) if !error.is_input() => 1,
             Self::Accuracy(error) if !error.is_input() => 1,
             _ => 2,
         }
@@ -166,6 +246,14 @@ struct RenderOutput {
     depth: Option<PathBuf>,
     #[serde(flatten)]
     figures: Figures,
+}
+
+/// What `skyline shadow` prints.
+#[derive(Serialize)]
+struct ShadowOutput {
+    out: PathBuf,
+    #[serde(flatten)]
+    figures: MapFigures,
 }
 
 fn main() -> ExitCode {
@@ -199,17 +287,12 @@ fn run() -> Result<(), CliError> {
     };
     match cli.command {
         Command::Render(args) => run_render(&args),
+        Command::Shadow(args) => run_shadow(&args),
         Command::Accuracy(args) => run_accuracy(&args),
     }
 }
 
 fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
-    let AccuracyEffect::Terrain = args.effect;
-    let plan = if args.quick {
-        Plan::quick()
-    } else {
-        Plan::full()
-    };
     let (field, notes, name) = match &args.heightmap {
         Some(path) => {
             let stem = path.file_stem().unwrap_or(path.as_os_str());
@@ -223,16 +306,74 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
                         .into(),
                 ));
             }
-            let samples = if args.quick { 257 } else { 1025 };
+            let samples = match args.effect {
+                _ if args.quick => 257,
+                AccuracyEffect::Terrain => 1025,
+                AccuracyEffect::Shadow => 4096,
+            };
             let field = mountains(samples).map_err(AccuracyError::from)?;
             (field, Vec::new(), "made_by_code".to_owned())
         }
     };
-    let summary = measure(field, &name, &plan, &args.out)?;
+    let summary = match args.effect {
+        AccuracyEffect::Terrain => {
+            let plan = if args.quick {
+                terrain::Plan::quick()
+            } else {
+                terrain::Plan::full()
+            };
+            terrain::measure(field, &name, &plan, &args.out)?
+        }
+        AccuracyEffect::Shadow => {
+            let plan = if args.quick {
+                shadow::Plan::quick()
+            } else {
+                shadow::Plan::full()
+            };
+            shadow::measure(field, &name, &plan, &args.out)?
+        }
+    };
     if let Some(path) = &args.heightmap {
         tell(path, notes);
     }
     print_json(&summary);
+    Ok(())
+}
+
+fn run_shadow(args: &ShadowArgs) -> Result<(), CliError> {
+    // Everything that can be known to be wrong is said before any work is done.
+    let shot = args.shot()?;
+    check_writable(&args.out)?;
+    let (field, notes) = read(&args.heightmap, &args.scale)?;
+    let made = shadow_map::make(field, &shot)?;
+    tell(&args.heightmap, notes);
+    if shot.method_used() != shot.method {
+        let why = match shot.light {
+            MapLight::Sun { .. } => "this one stands straight above or below",
+            MapLight::Point { .. } => "this light is near by",
+        };
+        eprintln!(
+            "skyline: --method sweep goes away from a sun, and {why}: max-mip was used instead"
+        );
+    }
+    let [width, height] = made.figures.size;
+    let picture = image::GrayImage::from_raw(width, height, made.image.visibility);
+    let written = picture.map_or_else(
+        || Err("the map has the wrong size".to_owned()),
+        |picture| {
+            picture
+                .save_with_format(&args.out, image::ImageFormat::Png)
+                .map_err(|error| error.to_string())
+        },
+    );
+    written.map_err(|reason| CliError::Write {
+        path: args.out.clone(),
+        reason,
+    })?;
+    print_json(&ShadowOutput {
+        out: args.out.clone(),
+        figures: made.figures,
+    });
     Ok(())
 }
 
@@ -419,4 +560,16 @@ fn traversal(text: &str) -> Result<Traversal, String> {
         .find(|(_, name)| *name == text)
         .map(|(traversal, _)| *traversal)
         .ok_or_else(|| "expected per-texel, max-mip, boxes or hybrid".into())
+}
+
+fn method(text: &str) -> Result<ShadowMethod, String> {
+    METHODS
+        .iter()
+        .find(|(_, name)| *name == text)
+        .map(|(method, _)| *method)
+        .ok_or_else(|| "expected per-texel, max-mip or sweep".into())
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    numbers(text).map(|[value]| value)
 }

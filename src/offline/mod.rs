@@ -5,6 +5,7 @@ pub mod glyphs;
 pub mod plot;
 pub mod render;
 pub mod shadow;
+pub mod shadow_map;
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},

@@ -23,13 +23,14 @@ const GREY_300: RGBColor = RGBColor(224, 224, 224);
 const GREY_600: RGBColor = RGBColor(96, 96, 96);
 
 /// Colours that the colour-blind can tell apart (Okabe and Ito 2008).
-const COLOURS: [RGBColor; 6] = [
+const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
+    RGBColor(0, 0, 0),
 ];
 
 /// An axis.
@@ -261,6 +262,28 @@ impl LinePlot {
                 )
                 .map_err(|e| words(&e))?;
         }
+        // Where the lines run, a few places on each piece.
+        let drawn: Vec<(i32, i32)> = self
+            .series
+            .iter()
+            .flat_map(|series| {
+                let pieces = series.points.windows(2);
+                let last = series.points.last().map(|last| (*last, *last));
+                pieces.map(|pair| (pair[0], pair[1])).chain(last)
+            })
+            .flat_map(|(from, to)| {
+                let from = (self.x.place(from.0), self.y.place(from.1));
+                let to = (self.x.place(to.0), self.y.place(to.1));
+                (0..8).map(move |step| {
+                    let part = f64::from(step) / 8.0;
+                    (
+                        from.0 + part * (to.0 - from.0),
+                        from.1 + part * (to.1 - from.1),
+                    )
+                })
+            })
+            .map(|place| chart.backend_coord(&place))
+            .collect();
         for &x in &x_ticks {
             let (px, py) = chart.backend_coord(&(x, y_low));
             text(
@@ -312,12 +335,12 @@ impl LinePlot {
             2,
             &GREY_600,
         )?;
-        self.legend(&root)?;
+        self.legend(&root, &drawn)?;
         root.present().map_err(|e| words(&e))
     }
 
-    /// Names of the series, in their colours, in the top right corner.
-    fn legend(&self, root: &Canvas) -> Result<(), String> {
+    /// Names of the series, in their colours, in the corner where the fewest of `drawn` would be covered.
+    fn legend(&self, root: &Canvas, drawn: &[(i32, i32)]) -> Result<(), String> {
         let widest = self
             .series
             .iter()
@@ -325,13 +348,32 @@ impl LinePlot {
             .max()
             .unwrap_or(0)
             * 2;
-        let left = 1055 - widest - 50;
-        let bottom = 76 + 24 * self.series.len() as i32;
-        let frame = Rectangle::new([(left - 10, 68), (1062, bottom)], WHITE.mix(0.85).filled());
+        let (width, height) = (widest + 67, 8 + 24 * self.series.len() as i32);
+        let corners = [
+            (1062 - width, 68),
+            (1062 - width, 612 - height),
+            (128, 68),
+            (128, 612 - height),
+        ];
+        let covered = |(x, y): &(i32, i32)| {
+            let is_under = |at: &&(i32, i32)| {
+                (*x..x + width).contains(&at.0) && (*y..y + height).contains(&at.1)
+            };
+            drawn.iter().filter(is_under).count()
+        };
+        let (x, top) = corners
+            .into_iter()
+            .min_by_key(covered)
+            .unwrap_or(corners[0]);
+        let left = x + 10;
+        let frame = Rectangle::new(
+            [(x, top), (x + width, top + height)],
+            WHITE.mix(0.85).filled(),
+        );
         root.draw(&frame).map_err(|e| e.to_string())?;
         for (index, series) in self.series.iter().enumerate() {
             let colour = COLOURS[index % COLOURS.len()];
-            let y = 84 + 24 * index as i32;
+            let y = top + 16 + 24 * index as i32;
             let thickness = if series.quoted { 1 } else { 3 };
             let stroke = PathElement::new(
                 vec![(left, y), (left + 36, y)],

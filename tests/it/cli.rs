@@ -9,18 +9,18 @@ use image::{ImageBuffer, Luma};
 use serde_json::Value;
 use tempfile::TempDir;
 
-fn skyline(arguments: &[&str]) -> Output {
+pub fn skyline(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_skyline"))
         .args(arguments)
         .output()
         .expect("the command can be run")
 }
 
-fn directory() -> TempDir {
+pub fn directory() -> TempDir {
     tempfile::tempdir().expect("a directory can be made")
 }
 
-fn path(directory: &TempDir, name: &str) -> String {
+pub fn path(directory: &TempDir, name: &str) -> String {
     directory.path().join(name).display().to_string()
 }
 
@@ -33,7 +33,7 @@ fn flat_map(directory: &TempDir, code: u16) -> String {
     file
 }
 
-fn stdout_json(output: &Output) -> Value {
+pub fn stdout_json(output: &Output) -> Value {
     assert!(
         output.status.success(),
         "{:?}: {}",
@@ -358,7 +358,7 @@ fn bad_input_is_told_in_one_line_and_exit_code_two() {
     );
 }
 
-fn assert_bad(output: &Output, names: &str, arguments: &[&str]) {
+pub fn assert_bad(output: &Output, names: &str, arguments: &[&str]) {
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
     assert_eq!(message.lines().count(), 1, "{arguments:?}: {message}");

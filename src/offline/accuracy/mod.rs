@@ -4,13 +4,14 @@
 mod difference;
 mod report;
 pub mod scene;
+pub mod shadow;
 pub mod terrain;
 
 use std::path::PathBuf;
 
 use serde::Serialize;
 
-pub use report::{Report, ReportError};
+pub use report::{Report, ReportError, Table};
 
 use super::{OfflineError, plot::PlotError, render::RenderError};
 

@@ -8,7 +8,8 @@ use std::{
 
 use serde::Serialize;
 
-use super::terrain::Table;
+/// A table: title, heads, rows.
+pub type Table = (String, Vec<String>, Vec<Vec<String>>);
 
 /// Why a file could not be written.
 #[derive(thiserror::Error, Debug)]
@@ -203,6 +204,20 @@ fn escaped(text: &str) -> String {
         .replace('"', "&quot;")
 }
 
+/// Three significant digits.
+pub(super) fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let digits = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
+    let text = format!("{value:.digits$}");
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        text
+    }
+}
+
 /// Date and time of day, by this machine's clock.
 fn utc_now() -> String {
     let seconds = SystemTime::now()
@@ -241,5 +256,14 @@ mod tests {
         assert_eq!(civil(11_016), (2000, 2, 29));
         assert_eq!(civil(19_782), (2024, 2, 29));
         assert_eq!(civil(20_454), (2026, 1, 1));
+    }
+
+    #[test]
+    fn numbers_are_short_but_not_wrong() {
+        assert_eq!(short(0.0), "0");
+        assert_eq!(short(1234.5), "1234");
+        assert_eq!(short(42.51), "42.5");
+        assert_eq!(short(0.001_234), "0.00123");
+        assert_eq!(short(100.0), "100");
     }
 }

@@ -44,6 +44,15 @@ pub struct ExtractedShadows {
     pub lights: Vec<ExtractedShadowLight>,
 }
 
+/// What is read of a terrain that casts shadows.
+type ShadowData = (
+    Entity,
+    &'static Terrain,
+    &'static TerrainShadow,
+    &'static GlobalTransform,
+    &'static InheritedVisibility,
+);
+
 /// What is read of a light of any kind.
 type LightData<L> = (
     Entity,
@@ -58,15 +67,7 @@ pub fn extract_shadows(
     mut extracted: ResMut<ExtractedShadows>,
     mut shadows: ResMut<TerrainShadows>,
     fields: Extract<Res<Assets<HeightField>>>,
-    terrains: Extract<
-        Query<(
-            Entity,
-            &Terrain,
-            &TerrainShadow,
-            &GlobalTransform,
-            &InheritedVisibility,
-        )>,
-    >,
+    terrains: Extract<Query<ShadowData>>,
     suns: Extract<Query<(LightData<DirectionalLight>, Option<&SunDisk>)>>,
     points: Extract<Query<LightData<PointLight>>>,
     spots: Extract<Query<LightData<SpotLight>>>,

@@ -12,6 +12,7 @@ use super::{
     AccuracyError, Report, Summary, Timing,
     difference::TerrainError,
     percentile,
+    report::{Table, short},
     scene::{View, views},
 };
 use crate::{
@@ -25,7 +26,6 @@ use crate::{
     terrain::{HeightField, TerrainRayCasting, Traversal},
 };
 
-pub use report::Table;
 use report::{csv, draw, highlights, letter, view_tables, words};
 
 /// Side of boxes where the sweep is over something else, and error where the sweep is over boxes.
@@ -421,7 +421,7 @@ fn settle_boxes(stage: &mut Stage) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{report::short, *};
+    use super::*;
 
     #[test]
     fn settings_begin_with_the_exact_one_and_never_repeat() {
@@ -437,14 +437,5 @@ mod tests {
             }
             assert!(settings.iter().all(|s| s.box_texels <= 128));
         }
-    }
-
-    #[test]
-    fn numbers_are_short_but_not_wrong() {
-        assert_eq!(short(0.0), "0");
-        assert_eq!(short(1234.5), "1234");
-        assert_eq!(short(42.51), "42.5");
-        assert_eq!(short(0.001_234), "0.00123");
-        assert_eq!(short(100.0), "100");
     }
 }

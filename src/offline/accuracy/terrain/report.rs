@@ -202,9 +202,6 @@ pub(super) fn draw(
     Ok(())
 }
 
-/// A table: title, heads, rows.
-pub type Table = (String, Vec<String>, Vec<Vec<String>>);
-
 pub(super) fn view_tables(view: &View, lines: &[&TerrainLine]) -> Vec<Table> {
     let heads = |names: &[&str]| {
         names
@@ -306,20 +303,6 @@ pub(super) fn view_tables(view: &View, lines: &[&TerrainLine]) -> Vec<Table> {
             setting_rows,
         ),
     ]
-}
-
-/// Three significant digits.
-pub(super) fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let digits = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
-    let text = format!("{value:.digits$}");
-    if text.contains('.') {
-        text.trim_end_matches('0').trim_end_matches('.').into()
-    } else {
-        text
-    }
 }
 
 pub(super) fn csv(lines: &[TerrainLine]) -> Table {
