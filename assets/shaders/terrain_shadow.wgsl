@@ -1,7 +1,7 @@
 // How much of a light each sample of a tile sees, by a ray from the sample to the light (P5b).
 //
-// One invocation casts the rays of four neighbouring samples, whose bytes make one word of the map. `COARSE`
-// casts one ray for 4 x 4 samples instead.
+// One invocation a sample; four neighbours' bytes make one word of the map. `COARSE` casts one ray for 4 x 4 samples
+// instead.
 //
 // In:  `tiles`, which tiles of the map to make. Out: `visibility`, a byte a sample, 255 = all of the light.
 
@@ -10,6 +10,10 @@
 
 @group(1) @binding(1) var<storage, read> tiles: array<u32>;
 @group(1) @binding(2) var<storage, read_write> visibility: array<u32>;
+
+#ifndef COARSE
+var<workgroup> shares: array<u32, 64>;
+#endif
 
 fn share_at(at: vec2<u32>) -> u32 {
     let sample = min(vec2<i32>(at), field.cells);
@@ -36,17 +40,22 @@ fn terrain_shadow(@builtin(local_invocation_index) local: u32, @builtin(workgrou
         visibility[map_byte(at + vec2(0u, row)) / 4u] = word;
     }
 #else
-    // A workgroup takes 16 x 16 samples. Invocations that run in step (8 and more) take words that lie one below
-    // the other: their rays go the same way.
-    let word_in_group = vec2(local >> 4u, local & 15u);
-    let at = tile * TILE + vec2(group.x & 3u, group.x >> 2u) * 16u + word_in_group * vec2(4u, 1u);
-    if any(at > vec2<u32>(field.cells)) {
-        return;
+    // A workgroup takes 8 x 8 samples. Invocations that run in step (8 and more) take a compact block of them: their
+    // rays go the same way.
+    let first = tile * TILE + vec2(group.x & 7u, group.x >> 3u) * 8u;
+    let in_group = vec2(((local >> 3u) & 1u) * 4u + (local & 3u), (local >> 4u) * 2u + ((local >> 2u) & 1u));
+    let at = first + in_group;
+    var share = 0u;
+    if all(at <= vec2<u32>(field.cells)) {
+        share = share_at(at);
     }
-    var word = 0u;
-    for (var i = 0u; i < 4u; i++) {
-        word |= share_at(at + vec2(i, 0u)) << (8u * i);
+    shares[in_group.y * 8u + in_group.x] = share;
+    workgroupBarrier();
+    if local < 16u {
+        let word = local * 4u;
+        let byte = map_byte(first + vec2(word & 7u, word >> 3u));
+        visibility[byte / 4u] = shares[word] | (shares[word + 1u] << 8u) | (shares[word + 2u] << 16u)
+            | (shares[word + 3u] << 24u);
     }
-    visibility[map_byte(at) / 4u] = word;
 #endif
 }

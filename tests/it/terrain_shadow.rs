@@ -418,6 +418,37 @@ fn penumbrae_converge_to_the_share_of_the_disc_that_is_seen() {
 }
 
 #[test]
+fn a_wide_sun_half_below_the_horizon_of_the_real_model_has_the_twins_penumbra() {
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
+    let Some(field) = elevation_model("taiwan_central_range_1024") else {
+        return;
+    };
+    // Over the sea its rays graze flat ground for hundreds of cells.
+    let light = GridLight::directional(sun(4.1, 0.0175), 0.0436, field.local_from_grid());
+    let (_, handle) = show(&mut offline, field.clone());
+    let twin = ShadowTwin::new(field.samples(), field.size());
+    let mut worst = 0.0f64;
+    for method in EXACT {
+        let (image, _) = offline
+            .cast_shadow(handle.id(), &light, method, 16, 1)
+            .unwrap();
+        let mut partly = 0;
+        for n in (0..image.visibility.len()).step_by(1511) {
+            let sample = UVec2::new(n as u32 % 1024, n as u32 / 1024);
+            let share = f64::from(image.visibility[n]) / 255.0;
+            let exact = twin.visible_share(&light, sample, 16);
+            partly += u32::from(exact > 0.0 && exact < 1.0);
+            worst = worst.max((share - exact).abs());
+        }
+        assert!(partly > 30, "{partly} samples are partly lit");
+        // Half a byte, and what `f32` makes of the horizon's slope.
+        assert!(worst < 0.004, "{method:?} is {worst} off");
+    }
+}
+
+#[test]
 fn a_sweep_is_near_the_rays_answers_and_exact_on_planes() {
     let Some(mut offline) = crate::device() else {
         return;

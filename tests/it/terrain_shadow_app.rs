@@ -384,6 +384,37 @@ fn out_of_view_nothing_is_made() {
 }
 
 #[test]
+fn a_map_left_half_made_while_nobody_looks_is_completed_later() {
+    let shadow = TerrainShadow {
+        slice_ms: 0.0,
+        ..default()
+    };
+    let Some(mut scene) = Scene::new(shadow, above()) else {
+        return;
+    };
+    scene.settle();
+    scene.turn_sun(0.8);
+    for _ in 0..12 {
+        scene.offline.step();
+    }
+    let look = |scene: &mut Scene, eye| {
+        *scene
+            .offline
+            .app
+            .world_mut()
+            .get_mut::<Transform>(scene.camera)
+            .unwrap() = eye;
+    };
+    look(&mut scene, above().looking_to(Vec3::Y, Vec3::X));
+    for _ in 0..100 {
+        scene.offline.step();
+    }
+    look(&mut scene, above());
+    scene.settle();
+    assert!(scene.map() == scene.fresh());
+}
+
+#[test]
 fn every_light_has_a_map_of_its_own_and_all_is_freed() {
     let Some(mut scene) = Scene::new(TerrainShadow::default(), above()) else {
         return;

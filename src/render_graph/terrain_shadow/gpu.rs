@@ -27,7 +27,7 @@ use crate::{
 };
 
 /// Workgroups of a tile, made exactly and coarsely, as in `terrain_shadow.wgsl`.
-const TILE_GROUPS: u32 = 16;
+const TILE_GROUPS: u32 = 64;
 const COARSE_GROUPS: u32 = 4;
 /// Lines of a workgroup, as in `shadow_sweep.wgsl`.
 const SWEEP_LINES: u32 = 64;

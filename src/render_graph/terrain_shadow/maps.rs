@@ -368,8 +368,12 @@ impl TerrainMaps {
         }
     }
 
-    /// Gives that place back when it has not been needed for a while.
+    /// Gives that place back when it has not been needed for a while. A map that is half made there, because no
+    /// camera sees the terrain any more, keeps it.
     pub fn rest(&mut self) {
+        if self.lights.iter().any(|map| map.plan.has_job()) {
+            return;
+        }
         self.rested = self.rested.saturating_add(1);
         if self.rested > REST_FRAMES {
             self.making = None;
