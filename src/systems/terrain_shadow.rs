@@ -70,7 +70,7 @@ pub fn report_terrain_shadow(
     let activity = entry.activity();
     activity.cpu_ms = maps.cpu_ms;
     // What the step takes by the last ones timed; its own time comes back frames later.
-    activity.gpu_ms = (!maps.unmeasured).then(|| maps.ns_per_ray * maps.rays as f32 * 1e-6);
+    activity.gpu_ms = (!maps.unmeasured).then_some(maps.ns_per_ray * maps.rays as f32 * 1e-6);
     activity.bytes = maps.bytes;
     activity.what.clear();
     activity.what.push_str(&words);

@@ -1,7 +1,7 @@
 //! `terrain_cascade`: terrains among the casters of Bevy's directional shadow cascades, so that ordinary meshes
 //! stand in a hill's shadow.
 //!
-//! The rays of a light are cast as those of a camera are, with an orthographic view of its own ([`light_square`])
+//! The rays of a light are cast as those of a camera are, with an orthographic view of its own (`light_square`)
 //! that reaches from before the whole terrain to behind it. What they hit is made a caster that cannot shadow the
 //! terrain itself (`terrain_cascade_erode.wgsl` has the derivation) and kept. As long as a cascade stays within
 //! the square that was cast, and neither light nor terrains change, all that runs is one draw a cascade, which
@@ -13,7 +13,7 @@
 //!
 //! # Limits
 //! Shadows of hills on meshes end up to three coarse texels (twelve of the shadow map's) inside the true edge,
-//! and begin as far behind the ground. A filter wider than [`MAX_REACH`] allows (percentage-closer soft shadows
+//! and begin as far behind the ground. A filter wider than `MAX_REACH` allows (percentage-closer soft shadows
 //! of very large lights) can darken the ground near by.
 
 mod bind;

@@ -250,14 +250,11 @@ impl Making {
         self.light
             .set(GpuShadowLight::new(made_for, plan.grid(), heights));
         self.light.write_buffer(device, queue);
-        match &step.work {
-            Work::Lines { lines, .. } => {
-                if let Some(path) = SweepPath::new(&made_for.light, field.size) {
-                    self.sweep.set(path.part(lines));
-                    self.sweep.write_buffer(device, queue);
-                }
-            }
-            _ => {}
+        if let Work::Lines { lines, .. } = &step.work
+            && let Some(path) = SweepPath::new(&made_for.light, field.size)
+        {
+            self.sweep.set(path.part(lines));
+            self.sweep.write_buffer(device, queue);
         }
         queue.write_buffer(&self.tiles, 0, bytemuck::cast_slice(plan.list()));
         if self
