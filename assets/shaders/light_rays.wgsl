@@ -38,6 +38,8 @@ struct Light {
     /// First tile of the map, and how many there are.
     first_tile: vec2<u32>,
     tiles: vec2<u32>,
+    /// Tiles this dispatch is for.
+    listed: u32,
 };
 
 const LIGHT_DIRECTIONAL: u32 = 0u;
@@ -305,8 +307,15 @@ fn visible_share(at: vec2<i32>, height: f32, highest: u32) -> f32 {
         // The slope at which beta is seen: (way.y + beta up.y) / (m + beta up_m).
         let lowest = (way.y - up.y) / (m - up_m);
         let most = (way.y + up.y) / (m + up_m);
+        if most - lowest <= 1e-6 * (abs(most) + abs(lowest)) {
+            // Too small a disc to be told from a point.
+            seen += select(0.0, area, is_lit(middle, highest));
+            continue;
+        }
         let slope = horizon(along_way, lowest, most, highest);
-        if slope < most {
+        if slope <= lowest {
+            seen += area;
+        } else if slope < most {
             let level = clamp((slope * m - way.y) / (up.y - slope * up_m), -1.0, 1.0);
             let part = cap_area(abs(level), a, b);
             seen += select(area - part, part, level >= 0.0);
@@ -315,6 +324,14 @@ fn visible_share(at: vec2<i32>, height: f32, highest: u32) -> f32 {
     return clamp(seen / 3.14159265, 0.0, 1.0);
 }
 #endif
+
+/// Workgroups along one dimension of a dispatch, at most.
+const MOST_GROUPS: u32 = 65535u;
+
+/// Which of the listed tiles a workgroup is for; they are dealt out over y and z.
+fn listed_tile(group: vec3<u32>) -> u32 {
+    return group.y + group.z * MOST_GROUPS;
+}
 
 /// The first byte of a tile of the map, and of a sample in it: tiles lie one after the other, in rows.
 fn map_byte(at: vec2<u32>) -> u32 {

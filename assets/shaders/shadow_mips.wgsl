@@ -4,7 +4,7 @@
 // In and out: `visibility`; `tiles`, which tiles of the map.
 
 #import bevy_skyline::height_field::field
-#import bevy_skyline::light_rays::{TILE, TILE_BYTES, light, mip_offset}
+#import bevy_skyline::light_rays::{TILE, TILE_BYTES, light, listed_tile, mip_offset}
 
 @group(1) @binding(1) var<storage, read> tiles: array<u32>;
 @group(1) @binding(2) var<storage, read_write> visibility: array<u32>;
@@ -15,7 +15,11 @@ fn byte_at(at: u32) -> u32 {
 
 @compute @workgroup_size(64, 1, 1)
 fn shadow_mips(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
-    let index = tiles[group.x];
+    let n = listed_tile(group);
+    if n >= light.listed {
+        return;
+    }
+    let index = tiles[n];
     let first = index * TILE_BYTES;
     let corner = (light.first_tile + vec2(index % light.tiles.x, index / light.tiles.x)) * TILE;
     // The last sample of the field in this tile: what lies beyond was not made.

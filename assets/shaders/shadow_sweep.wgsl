@@ -77,8 +77,8 @@ fn shadow_sweep(@builtin(global_invocation_id) id: vec3<u32>) {
     if abs(sweep.m) > 1e-6 {
         let a = (-1.0 - f32(line)) / sweep.m;
         let b = (f32(rows) - f32(line)) / sweep.m;
-        first = max(first, i32(floor(min(a, b))) - 1);
-        last = min(last, i32(ceil(max(a, b))) + 1);
+        first = i32(clamp(floor(min(a, b)) - 1.0, 0.0, f32(columns)));
+        last = i32(clamp(ceil(max(a, b)) + 1.0, -1.0, f32(columns - 1)));
     }
     let base = light.y_max;
     let none = Edges(vec2(-1e9), vec2(f32(first)));

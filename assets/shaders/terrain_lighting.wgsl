@@ -62,7 +62,7 @@ fn blocked_light(in: pbr_types::PbrInput, at: vec2<f32>, width: f32) -> vec3<f32
     for (var i = 0u; i < view_bindings::lights.n_directional_lights; i++) {
         let flags = view_bindings::lights.directional_lights[i].flags;
         let to_light = view_bindings::lights.directional_lights[i].direction_to_light;
-        let map = map_of(vec4(to_light, 0.0));
+        let map = map_of(vec4(to_light, 0.0), 0.0);
         if map == light_maps.count {
             continue;
         }
@@ -86,7 +86,7 @@ fn blocked_light(in: pbr_types::PbrInput, at: vec2<f32>, width: f32) -> vec3<f32
         let id = clustering::get_clusterable_object_id(i);
         let place = view_bindings::clustered_lights.data[id].position_radius.xyz;
         let flags = view_bindings::clustered_lights.data[id].flags;
-        let map = map_of(vec4(place, 1.0));
+        let map = map_of(vec4(place, 1.0), view_bindings::clustered_lights.data[id].range);
         if map == light_maps.count {
             continue;
         }

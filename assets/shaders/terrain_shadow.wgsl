@@ -6,7 +6,7 @@
 // In:  `tiles`, which tiles of the map to make. Out: `visibility`, a byte a sample, 255 = all of the light.
 
 #import bevy_skyline::height_field::{field, sample_height}
-#import bevy_skyline::light_rays::{TILE, light, map_byte, visible_share}
+#import bevy_skyline::light_rays::{TILE, light, listed_tile, map_byte, visible_share}
 
 @group(1) @binding(1) var<storage, read> tiles: array<u32>;
 @group(1) @binding(2) var<storage, read_write> visibility: array<u32>;
@@ -27,7 +27,11 @@ fn share_at(at: vec2<u32>) -> u32 {
 
 @compute @workgroup_size(64, 1, 1)
 fn terrain_shadow(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
-    let index = tiles[group.y];
+    let n = listed_tile(group);
+    if n >= light.listed {
+        return;
+    }
+    let index = tiles[n];
     let tile = light.first_tile + vec2(index % light.tiles.x, index / light.tiles.x);
 #ifdef COARSE
     // A workgroup takes 32 x 32 samples, a tile four of them.

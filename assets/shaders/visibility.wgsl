@@ -11,6 +11,8 @@ struct LightMap {
     first_tile: vec2<u32>,
     tiles: vec2<u32>,
     first_word: u32,
+    /// Of point and spot lights, which tells those at one place apart. units: m
+    range: f32,
 };
 
 /// Mirrors `GpuLightMaps`.
@@ -43,9 +45,9 @@ fn block_visibility(map: u32, level: u32, at: vec2<u32>) -> f32 {
 }
 
 /// The map of the light at a place, or `light_maps.count`.
-fn map_of(place: vec4<f32>) -> u32 {
+fn map_of(place: vec4<f32>, range: f32) -> u32 {
     for (var i = 0u; i < light_maps.count; i++) {
-        if all(light_maps.maps[i].place == place) {
+        if all(light_maps.maps[i].place == place) && light_maps.maps[i].range == range {
             return i;
         }
     }

@@ -85,6 +85,8 @@ struct Job {
     whole: bool,
     /// The next tile to make coarsely; all are when it is the number of tiles.
     coarse_next: u32,
+    /// Whether every tile has been made, if only coarsely, so that the whole may show.
+    complete: bool,
     /// Lines still to sweep.
     lines: Range<i32>,
     swept: bool,
@@ -141,9 +143,9 @@ impl MapPlan {
         self.job.is_none() && self.stale.is_empty() && self.shown.as_ref() == Some(wanted)
     }
 
-    /// Whether it is being worked on.
-    pub fn has_job(&self) -> bool {
-        self.job.is_some()
+    /// Whether it is being made and does not show yet, so that what is made of it so far must be kept.
+    pub fn is_half_made(&self) -> bool {
+        self.job.as_ref().is_some_and(|job| !job.published)
     }
 
     /// What the frame's work is for.
@@ -183,10 +185,11 @@ impl MapPlan {
         if self.is_done(wanted) || tiles == 0 {
             return Step::default();
         }
-        let abandoned = self
-            .job
-            .as_ref()
-            .is_some_and(|job| job.made_for != *wanted && (job.published || !job.whole));
+        let abandoned = self.job.as_ref().is_some_and(|job| {
+            // A map of heights that are no more is not worth completing.
+            let replaced = job.made_for.heights != wanted.heights;
+            job.made_for != *wanted && (job.published || !job.whole || replaced)
+        });
         if self.job.is_none() || abandoned {
             self.begin(wanted, sweep.as_ref(), budget);
         }
@@ -222,10 +225,13 @@ impl MapPlan {
             step.work = Work::Coarse;
             step.rays = u64::from(end - job.coarse_next) * COARSE_RAYS * strips;
             job.coarse_next = end;
+            job.complete = end == tiles;
         } else {
             let count = (budget / (TILE_RAYS * strips)).clamp(1, u64::from(tiles)) as usize;
-            self.list
-                .extend(self.left.iter().filter(|tile| visible(*tile)).take(count));
+            if count < self.left.len() as usize {
+                let in_view = self.left.iter().filter(|tile| visible(*tile));
+                self.list.extend(in_view.take(count));
+            }
             if self.list.is_empty() {
                 self.list.extend(self.left.iter().take(count));
             }
@@ -235,14 +241,13 @@ impl MapPlan {
             step.work = Work::Exact;
             step.rays = self.list.len() as u64 * TILE_RAYS * strips;
         }
-        let coarse_done = job.coarse_next == tiles;
         if job.published {
             step.publish = Publish::Listed;
         } else if !job.whole {
             if self.left.is_empty() {
                 step.publish = Publish::Edited;
             }
-        } else if self.left.is_empty() || (coarse_done && !self.left.iter().any(&visible)) {
+        } else if self.left.is_empty() || (job.complete && !self.left.iter().any(&visible)) {
             step.publish = Publish::All;
             job.published = true;
             self.shown = Some(job.made_for);
@@ -277,6 +282,7 @@ impl MapPlan {
             } else {
                 0
             },
+            complete: false,
             lines: sweep.map_or(0..0, |sweep| sweep.lines.clone()),
             swept: sweep.is_some(),
             published: false,
@@ -355,6 +361,22 @@ mod tests {
             rays: 16 * TILE_RAYS,
         };
         assert_eq!(steps, [whole]);
+    }
+
+    #[test]
+    fn what_was_never_made_is_never_shown_even_if_all_fits_a_frame() {
+        let mut plan = plan();
+        let step = plan.step(&wanted(0.5), None, 16 * TILE_RAYS, |tile| tile < 4);
+        assert_eq!(step.publish, Publish::All);
+        assert_eq!(plan.list().len(), 16);
+        // The estimate turns out wrong after the first step: no coarse tiles were made, so all must be exact.
+        let mut plan = super::tests::plan();
+        let sun = wanted(0.5);
+        plan.begin(&sun, None, 16 * TILE_RAYS);
+        let steps = run(&mut plan, &sun, TILE_RAYS, |tile| tile < 4);
+        assert_eq!(steps.len(), 16);
+        let early = &steps[..15];
+        assert!(early.iter().all(|step| step.publish == Publish::None));
     }
 
     #[test]

@@ -155,10 +155,11 @@ impl EditReach {
                     grow += disc.right.xz().length() / horizontal * t_most.min(1e9);
                 }
             }
-            LightSource::Point(position) => {
+            LightSource::Point(_) => {
                 // Seen from anywhere, the light's disc lies within its radius.
-                let disc = light.disc(position - DVec3::X);
-                grow += disc.right.xz().length().max(disc.up.xz().length());
+                let grid_from_world = light.world_from_grid.inverse();
+                let row = |axis| grid_from_world.row(axis).length();
+                grow += light.radius * row(0).max(row(2));
             }
         }
         let edit = (edit.min.as_dvec2() - grow, edit.max.as_dvec2() + grow);

@@ -418,6 +418,38 @@ fn penumbrae_converge_to_the_share_of_the_disc_that_is_seen() {
 }
 
 #[test]
+fn a_light_too_small_for_a_disc_casts_hard_shadows() {
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
+    let field = metres((149, 121), 20.0, |i, j| {
+        200.0 * (i as f32 * 0.1).sin() * (j as f32 * 0.07).cos()
+    });
+    let world = field.local_from_grid();
+    let (_, handle) = show(&mut offline, field);
+    let far = DVec3::new(1e7, 3e6, -2e6);
+    for (small, none) in [
+        (
+            GridLight::point(far, 0.1, f64::INFINITY, world),
+            GridLight::point(far, 0.0, f64::INFINITY, world),
+        ),
+        (
+            GridLight::directional(sun(1.0, 0.2), 1e-9, world),
+            GridLight::directional(sun(1.0, 0.2), 0.0, world),
+        ),
+    ] {
+        let mut cast = |light: &GridLight| {
+            let made = offline.cast_shadow(handle.id(), light, ShadowMethod::MaxMip, 1, 1);
+            made.unwrap().0.visibility
+        };
+        let (soft, hard) = (cast(&small), cast(&none));
+        let differ = soft.iter().zip(&hard).filter(|(a, b)| a != b).count();
+        assert!(differ < 10, "{differ} samples differ");
+        assert!(hard.contains(&0) && hard.contains(&255));
+    }
+}
+
+#[test]
 fn a_wide_sun_half_below_the_horizon_of_the_real_model_has_the_twins_penumbra() {
     let Some(mut offline) = crate::device() else {
         return;

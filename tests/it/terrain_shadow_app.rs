@@ -107,7 +107,7 @@ impl Scene {
         self.offline.settle(self.camera, 10).unwrap();
         // A frame for what has just changed to be noticed.
         self.offline.step();
-        self.offline.settle_shadows(300).unwrap();
+        self.offline.settle_shadows(2000).unwrap();
         assert!(self.counts().shadows.maps > 0, "{}", self.state());
     }
 
@@ -490,6 +490,106 @@ fn every_light_has_a_map_of_its_own_and_all_is_freed() {
     scene.offline.step();
     assert_eq!(scene.counts().shadows, default());
     assert_eq!(scene.state(), EffectState::Dormant);
+}
+
+#[test]
+fn a_sun_that_never_rests_leaves_other_lights_their_turn() {
+    // A tile a frame; much of the terrain is out of view.
+    let shadow = TerrainShadow {
+        slice_ms: 0.0,
+        ..default()
+    };
+    let eye = Transform::from_xyz(250.0, 700.0, 250.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z);
+    let Some(mut scene) = Scene::new(shadow, eye) else {
+        return;
+    };
+    scene.settle();
+    let lamp = |range: f32| PointLight {
+        shadow_maps_enabled: true,
+        range,
+        radius: 0.0,
+        ..default()
+    };
+    let world = scene.offline.app.world_mut();
+    let at = Transform::from_xyz(250.0, 160.0, 250.0);
+    let lamp = world.spawn((lamp(80.0), at)).id();
+    let mut shown_at = None;
+    for frame in 0..150 {
+        scene.turn_sun(0.3 + 0.002 * frame as f32);
+        scene.offline.step();
+        if shown_at.is_none()
+            && scene
+                .offline
+                .shadow_map(scene.terrain, lamp)
+                .unwrap()
+                .is_some()
+        {
+            shown_at = Some(frame);
+        }
+    }
+    assert!(shown_at.is_some(), "the lamp never had its turn");
+}
+
+#[test]
+fn a_lamp_that_keeps_moving_is_followed_though_never_at_rest() {
+    let shadow = TerrainShadow {
+        slice_ms: 0.0,
+        ..default()
+    };
+    let Some(mut scene) = Scene::new(shadow, above()) else {
+        return;
+    };
+    let light = PointLight {
+        shadow_maps_enabled: true,
+        range: 250.0,
+        radius: 0.0,
+        ..default()
+    };
+    let at = Transform::from_xyz(200.0, 190.0, 500.0);
+    let lamp = scene.offline.app.world_mut().spawn((light, at)).id();
+    scene.settle();
+    let mut maps = Vec::new();
+    // A tile of 256 m in 25 frames, and its map takes a dozen tiles.
+    for _ in 0..100 {
+        scene
+            .offline
+            .app
+            .world_mut()
+            .get_mut::<Transform>(lamp)
+            .unwrap()
+            .translation
+            .x += 10.0;
+        scene.offline.step();
+        let map = scene
+            .offline
+            .shadow_map(scene.terrain, lamp)
+            .unwrap()
+            .unwrap();
+        if maps.last() != Some(&map) {
+            maps.push(map);
+        }
+    }
+    assert!(maps.len() > 4, "it was shown {} times", maps.len());
+}
+
+#[test]
+fn ground_that_is_edited_every_frame_keeps_its_shadows_up_to_date() {
+    let Some(mut scene) = Scene::new(TerrainShadow::default(), above()) else {
+        return;
+    };
+    scene.settle();
+    let first = scene.map();
+    for frame in 0..20 {
+        let x = 60 + 8 * frame;
+        scene.edit(URect::new(x, 130, x + 4, 134), 200.0);
+        scene.offline.step();
+    }
+    assert!(
+        scene.map() != first,
+        "nothing was made while the ground was edited"
+    );
+    scene.settle();
+    assert!(scene.map() == scene.fresh());
 }
 
 #[test]

@@ -27,6 +27,21 @@ const LEARNING_RATE: f64 = 0.5;
 /// false.
 pub struct ShadowClock {
     way: Way,
+    /// By [`RayKind`].
+    costs: [Cost; 4],
+}
+
+/// Rays that cost the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RayKind {
+    HardRay,
+    PenumbraRay,
+    HardSweep,
+    PenumbraSweep,
+}
+
+#[derive(Clone, Copy)]
+struct Cost {
     ns_per_ray: f64,
     measured: bool,
 }
@@ -46,6 +61,8 @@ struct Timestamps {
     /// Time and rays of the last step that came back; 0 rays for none. units: ns
     time: Arc<AtomicU64>,
     rays: Arc<AtomicU64>,
+    /// Of those rays.
+    kind: RayKind,
 }
 
 impl ShadowClock {
@@ -62,52 +79,62 @@ impl ShadowClock {
         };
         Self {
             way,
-            ns_per_ray: FIRST_GUESS_NS,
-            measured: false,
+            costs: [Cost {
+                ns_per_ray: FIRST_GUESS_NS,
+                measured: false,
+            }; 4],
         }
     }
 
     /// Rays that fit into a time slice.
-    pub fn rays_in(&mut self, slice_ms: f32) -> u64 {
+    pub fn rays_in(&mut self, slice_ms: f32, kind: RayKind) -> u64 {
         if let Way::Timestamps(timestamps) = &self.way {
             let rays = timestamps.rays.swap(0, Ordering::AcqRel);
             if rays > 0 {
                 let time = timestamps.time.load(Ordering::Acquire);
-                self.learn(rays, time as f64);
+                let kind = timestamps.kind;
+                self.learn(kind, rays, time as f64);
             }
         }
         // A slice that is not a number, or none, still gets on a tile at a time.
-        (f64::from(slice_ms).max(0.0) * 1e6 / self.ns_per_ray) as u64
+        (f64::from(slice_ms).max(0.0) * 1e6 / self.ns_per_ray(kind)) as u64
     }
 
     /// What a ray costs by the last measurements. units: ns
-    pub fn ns_per_ray(&self) -> f64 {
-        self.ns_per_ray
+    pub fn ns_per_ray(&self, kind: RayKind) -> f64 {
+        self.costs[kind as usize].ns_per_ray
     }
 
     /// Whether anything was ever timed.
-    pub fn is_measured(&self) -> bool {
-        self.measured
+    pub fn is_measured(&self, kind: RayKind) -> bool {
+        self.costs[kind as usize].measured
     }
 
-    fn learn(&mut self, rays: u64, time_ns: f64) {
+    fn learn(&mut self, kind: RayKind, rays: u64, time_ns: f64) {
+        let cost = &mut self.costs[kind as usize];
         let new = (time_ns / rays as f64).clamp(1e-3, 1e6);
-        let rate = if self.measured { LEARNING_RATE } else { 1.0 };
-        self.ns_per_ray += rate * (new - self.ns_per_ray);
-        self.measured = true;
+        let rate = if cost.measured { LEARNING_RATE } else { 1.0 };
+        cost.ns_per_ray += rate * (new - cost.ns_per_ray);
+        cost.measured = true;
     }
 
     /// Has `record` write a step's commands, and times them. They run before anything else of the frame where they
-    /// are waited for, so nothing recorded in the same frame may have to come before them.
+    /// are waited for, so nothing recorded in the same frame may have to come before them: without a `kind` they are
+    /// recorded in their turn and not timed.
     pub fn time(
         &mut self,
+        kind: Option<RayKind>,
         rays: u64,
         device: &RenderDevice,
         queue: &RenderQueue,
         encoder: &mut CommandEncoder,
         record: impl FnOnce(&mut CommandEncoder, Option<ComputePassTimestampWrites>),
     ) {
-        match &self.way {
+        let Some(kind) = kind else {
+            record(encoder, None);
+            return;
+        };
+        match &mut self.way {
             Way::Guess => record(encoder, None),
             Way::Timestamps(timestamps) => {
                 if timestamps.busy.swap(true, Ordering::AcqRel) {
@@ -122,6 +149,7 @@ impl ShadowClock {
                         end_of_pass_write_index: Some(1),
                     }),
                 );
+                timestamps.kind = kind;
                 timestamps.request(rays, encoder);
             }
             Way::Wait => {
@@ -132,7 +160,7 @@ impl ShadowClock {
                 let start = Instant::now();
                 queue.submit([own.finish()]);
                 let _ = device.poll(PollType::wait_indefinitely());
-                self.learn(rays.max(1), start.elapsed().as_secs_f64() * 1e9);
+                self.learn(kind, rays.max(1), start.elapsed().as_secs_f64() * 1e9);
             }
         }
     }
@@ -163,6 +191,7 @@ impl Timestamps {
             busy: Arc::default(),
             time: Arc::default(),
             rays: Arc::default(),
+            kind: RayKind::HardRay,
         }
     }
 

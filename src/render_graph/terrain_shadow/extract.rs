@@ -35,6 +35,8 @@ pub struct ExtractedShadowLight {
     pub light: GridLight,
     /// As Bevy's shaders name it: the direction to it (w = 0) or its position (w = 1).
     pub place: Vec4,
+    /// As Bevy's shaders have it; tells lights at one place apart. 0 for directional lights. units: m
+    pub range: f32,
 }
 
 /// Everything extracted; the lists are refilled in place every frame.
@@ -109,6 +111,7 @@ pub fn extract_shadows(
                 entity,
                 light: GridLight::directional(exact, angular_radius, world_from_grid),
                 place: to_light.extend(0.0),
+                range: 0.0,
             });
         }
         let mut push = |entity, exact: Option<&ExactLight>, at: Vec3, radius: f32, range: f32| {
@@ -116,11 +119,16 @@ pub fn extract_shadows(
                 Some(ExactLight::Position(position)) => *position,
                 _ => at.as_dvec3(),
             };
-            let (radius, range) = (f64::from(radius), f64::from(range));
             lights.push(ExtractedShadowLight {
                 entity,
-                light: GridLight::point(position, radius, range, world_from_grid),
+                light: GridLight::point(
+                    position,
+                    f64::from(radius),
+                    f64::from(range),
+                    world_from_grid,
+                ),
                 place: at.extend(1.0),
+                range,
             });
         };
         for (entity, light, transform, visible, exact) in &points {

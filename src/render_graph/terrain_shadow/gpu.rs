@@ -29,6 +29,8 @@ use crate::{
 /// Workgroups of a tile, made exactly and coarsely, as in `terrain_shadow.wgsl`.
 const TILE_GROUPS: u32 = 64;
 const COARSE_GROUPS: u32 = 4;
+/// Workgroups along one dimension of a dispatch, as in `light_rays.wgsl`.
+const MOST_GROUPS: u32 = 65_535;
 /// Lines of a workgroup, as in `shadow_sweep.wgsl`.
 const SWEEP_LINES: u32 = 64;
 
@@ -48,11 +50,12 @@ pub struct GpuShadowLight {
     y_magnitude: f32,
     first_tile: UVec2,
     tiles: UVec2,
+    listed: u32,
 }
 
 impl GpuShadowLight {
-    /// `heights` is the range of the field's samples. units: grid
-    pub fn new(made_for: &MadeFor, grid: TileGrid, heights: (f64, f64)) -> Self {
+    /// `listed` is how many tiles of the map are made, `heights` the range of the field's samples. units: grid
+    pub fn new(made_for: &MadeFor, grid: TileGrid, listed: u32, heights: (f64, f64)) -> Self {
         let light = &made_for.light;
         let mut gpu = Self {
             radius: light.radius as f32,
@@ -63,6 +66,7 @@ impl GpuShadowLight {
             y_magnitude: (heights.1 - heights.0) as f32,
             first_tile: grid.first,
             tiles: grid.count,
+            listed,
             ..default()
         };
         match light.source {
@@ -247,8 +251,12 @@ impl Making {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) {
-        self.light
-            .set(GpuShadowLight::new(made_for, plan.grid(), heights));
+        self.light.set(GpuShadowLight::new(
+            made_for,
+            plan.grid(),
+            plan.list().len() as u32,
+            heights,
+        ));
         self.light.write_buffer(device, queue);
         if let Work::Lines { lines, .. } = &step.work
             && let Some(path) = SweepPath::new(&made_for.light, field.size)
@@ -338,13 +346,16 @@ impl Making {
         if matches!(step.work, Work::Lines { first: true, .. }) {
             encoder.clear_buffer(&self.visibility, 0, None);
         }
+        // Tiles are dealt out over two dimensions: one alone ends at 65,535.
+        let rows = listed.min(MOST_GROUPS);
+        let layers = listed.div_ceil(MOST_GROUPS);
         let (label, group, groups) = match &step.work {
             Work::None => return,
-            Work::Coarse => ("terrain_shadow", 1, (COARSE_GROUPS, listed)),
-            Work::Exact => ("terrain_shadow", 1, (TILE_GROUPS, listed)),
+            Work::Coarse => ("terrain_shadow", 1, (COARSE_GROUPS, rows, layers)),
+            Work::Exact => ("terrain_shadow", 1, (TILE_GROUPS, rows, layers)),
             Work::Lines { lines, .. } => {
                 let lines = (lines.end - lines.start).max(0) as u32;
-                ("shadow_sweep", 2, (lines.div_ceil(SWEEP_LINES), 1))
+                ("shadow_sweep", 2, (lines.div_ceil(SWEEP_LINES), 1, 1))
             }
         };
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
@@ -354,12 +365,12 @@ impl Making {
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &bound.groups[0], &[]);
         pass.set_bind_group(1, &bound.groups[group], &[]);
-        pass.dispatch_workgroups(groups.0, groups.1, 1);
+        pass.dispatch_workgroups(groups.0, groups.1, groups.2);
         stats.count_dispatch(label, step.rays);
         if listed > 0 {
             pass.set_pipeline(mips);
             pass.set_bind_group(1, &bound.groups[1], &[]);
-            pass.dispatch_workgroups(listed, 1, 1);
+            pass.dispatch_workgroups(1, rows, layers);
             stats.count_dispatch("shadow_mips", u64::from(listed));
         }
     }
@@ -435,7 +446,7 @@ mod tests {
             strips: 0,
             heights: 0,
         };
-        let gpu = GpuShadowLight::new(&made_for, TileGrid::default(), (0.0, 1.0));
+        let gpu = GpuShadowLight::new(&made_for, TileGrid::default(), 0, (0.0, 1.0));
         let back = gpu.position_high.as_dvec3() + gpu.position_low.as_dvec3();
         assert!(((back - position) / position).abs().max_element() < 1e-14);
     }

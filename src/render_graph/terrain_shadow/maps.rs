@@ -38,6 +38,7 @@ pub struct GpuLightMap {
     first_tile: UVec2,
     tiles: UVec2,
     first_word: u32,
+    range: f32,
 }
 
 /// Mirrors `LightMaps` in `visibility.wgsl`.
@@ -62,6 +63,8 @@ pub struct LightMap {
     pub region: Region,
     /// Where the one that shows is; `None` before the first.
     pub shown: Option<Region>,
+    /// Whether the buffer has room for it on this GPU.
+    fits: bool,
     seen: bool,
 }
 
@@ -72,6 +75,8 @@ pub struct Planned {
     pub made_for: MadeFor,
     /// The step's, and that of the averages.
     pub pipelines: [CachedComputePipelineId; 2],
+    /// The heights' pyramid is computed in the same frame, before.
+    pub after_mips: bool,
 }
 
 /// All shadow maps of one terrain.
@@ -120,6 +125,11 @@ impl TerrainMaps {
     /// Whether a map shows, so that shading has something to read.
     pub fn show(&self) -> bool {
         self.shown.is_some() && self.lights.iter().any(|light| light.shown.is_some())
+    }
+
+    /// What of the field the maps follow.
+    pub fn revision(&self) -> u64 {
+        self.revision
     }
 
     /// Samples of the field the maps are of.
@@ -226,7 +236,8 @@ impl TerrainMaps {
                 Some(index) => {
                     let map = &mut self.lights[index];
                     map.seen = true;
-                    if map.region.grid != grid {
+                    // A lamp on the move: what is half made for where it was is completed and shown first.
+                    if map.region.grid != grid && !map.plan.is_half_made() {
                         map.plan = MapPlan::new(grid);
                         map.region.grid = grid;
                         moved = true;
@@ -238,6 +249,7 @@ impl TerrainMaps {
                         plan: MapPlan::new(grid),
                         region: Region { grid, offset: 0 },
                         shown: None,
+                        fits: true,
                         seen: true,
                     });
                     moved = true;
@@ -254,6 +266,13 @@ impl TerrainMaps {
         if moved || before != self.lights.len() {
             self.lay_out(device, queue);
         }
+        if self.lights.iter().any(|map| !map.fits) {
+            self.refused = Some(
+                "the shadow maps of a terrain take more than this GPU's max_storage_buffer_binding_size: some \
+                 lights shine through"
+                    .into(),
+            );
+        }
     }
 
     /// Finds each map its place in a new buffer, and takes what shows along.
@@ -265,15 +284,13 @@ impl TerrainMaps {
             .min(device.limits().max_buffer_size);
         let mut end = 0;
         let mut copies = Vec::new();
-        self.lights.retain_mut(|map| {
+        for map in &mut self.lights {
             let stays = map.shown.filter(|shown| shown.grid != map.region.grid);
             let needs = map.region.grid.bytes() + stays.map_or(0, |shown| shown.grid.bytes());
-            if end + needs > most {
-                self.refused = Some(format!(
-                    "the shadow maps of a terrain take more than this GPU's max_storage_buffer_binding_size of \
-                     {most} bytes: some lights shine through"
-                ));
-                return false;
+            map.fits = end + needs <= most;
+            if !map.fits {
+                map.shown = None;
+                continue;
             }
             map.region.offset = end;
             end += map.region.grid.bytes();
@@ -288,8 +305,7 @@ impl TerrainMaps {
                 copies.push((shown.offset, to, shown.grid.bytes()));
                 shown.offset = to;
             }
-            true
-        });
+        }
         if end == 0 {
             self.shown = None;
             self.making = None;
@@ -332,7 +348,8 @@ impl TerrainMaps {
         }
     }
 
-    /// The map whose turn it is among those with something to do: one that is being made first.
+    /// The map whose turn it is among those with something to do: first one that is half made, as there is room for
+    /// one.
     pub fn next(
         &mut self,
         terrain: &ExtractedShadow,
@@ -342,10 +359,12 @@ impl TerrainMaps {
             let light = lights.iter().find(|light| light.entity == map.entity)?;
             Some(self.wanted(terrain, &light.light))
         };
-        let busy = |map: &LightMap| wanted(map).is_some_and(|wanted| !map.plan.is_done(&wanted));
+        let busy = |map: &LightMap| {
+            map.fits && wanted(map).is_some_and(|wanted| !map.plan.is_done(&wanted))
+        };
         let count = self.lights.len();
         let index = (0..count)
-            .find(|&index| self.lights[index].plan.has_job() && busy(&self.lights[index]))
+            .find(|&index| self.lights[index].plan.is_half_made() && busy(&self.lights[index]))
             .or_else(|| {
                 (0..count)
                     .map(|n| (self.turn + n) % count)
@@ -371,7 +390,7 @@ impl TerrainMaps {
     /// Gives that place back when it has not been needed for a while. A map that is half made there, because no
     /// camera sees the terrain any more, keeps it.
     pub fn rest(&mut self) {
-        if self.lights.iter().any(|map| map.plan.has_job()) {
+        if self.lights.iter().any(|map| map.plan.is_half_made()) {
             return;
         }
         self.rested = self.rested.saturating_add(1);
@@ -404,6 +423,7 @@ impl TerrainMaps {
                 first_tile: shown.grid.first,
                 tiles: shown.grid.count,
                 first_word: (shown.offset / 4) as u32,
+                range: light.range,
             };
             table.count += 1;
         }

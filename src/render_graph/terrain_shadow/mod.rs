@@ -44,7 +44,7 @@ use crate::{
         plan::{MadeFor, Publish, Work},
     },
 };
-use clock::ShadowClock;
+use clock::{RayKind, ShadowClock};
 use extract::{ExtractedShadow, ExtractedShadows};
 use gpu::{Making, SweepPath};
 use maps::{Frustum, Planned, TerrainMaps};
@@ -112,8 +112,10 @@ pub fn prepare_terrain_shadows(
         let lights = &extracted.lights[terrain.lights.clone()];
         maps.planned = None;
         maps.follow(terrain, lights, &device, &queue);
-        // Heights of this frame are on the GPU, but their pyramid is not computed yet.
-        let field = fields.get(terrain.field).filter(|field| field.is_settled());
+        // The pyramid of what was edited this frame is computed before the maps are made.
+        let field = fields
+            .get(terrain.field)
+            .filter(|field| field.ready && field.revision == maps.revision());
         if let Some(field) = field {
             maps.take_edits(terrain);
             if let Some((index, wanted)) = maps.next(terrain, lights) {
@@ -131,9 +133,10 @@ pub fn prepare_terrain_shadows(
                 ) {
                     let clock =
                         clock.get_or_insert_with(|| ShadowClock::new(&device, &queue, &adapter));
-                    let budget = clock.rays_in(terrain.slice_ms);
-                    counts.unmeasured = !clock.is_measured();
-                    counts.ns_per_ray = clock.ns_per_ray() as f32;
+                    let kind = ray_kind(&wanted);
+                    let budget = clock.rays_in(terrain.slice_ms, kind);
+                    counts.unmeasured = !clock.is_measured(kind);
+                    counts.ns_per_ray = clock.ns_per_ray(kind) as f32;
                     maps.planned = plan(
                         maps,
                         index,
@@ -163,6 +166,16 @@ pub fn prepare_terrain_shadows(
     }
     counts.cpu_ms = start.elapsed().as_secs_f32() * 1e3;
     stats.lock().shadows = counts;
+}
+
+/// What kind of ray a map's work is counted in.
+fn ray_kind(made_for: &MadeFor) -> RayKind {
+    match (made_for.method == ShadowMethod::Sweep, made_for.strips > 0) {
+        (false, false) => RayKind::HardRay,
+        (false, true) => RayKind::PenumbraRay,
+        (true, false) => RayKind::HardSweep,
+        (true, true) => RayKind::PenumbraSweep,
+    }
 }
 
 /// Whether some view sees a rectangle of samples.
@@ -238,6 +251,7 @@ fn plan(
         step,
         made_for,
         pipelines: [pipeline, mips],
+        after_mips: !field.is_settled(),
     })
 }
 
@@ -274,7 +288,9 @@ pub fn terrain_shadow(
             continue;
         };
         let map = &maps.lights[planned.map];
+        let kind = (!planned.after_mips).then(|| ray_kind(&planned.made_for));
         clock.time(
+            kind,
             planned.step.rays,
             &device,
             &queue,

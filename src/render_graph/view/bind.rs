@@ -100,8 +100,21 @@ pub fn prepare_terrain_bind_groups(
             let Some(field) = slot.field.and_then(|id| fields.get(id)) else {
                 continue;
             };
-            let shadow = shadows.get(*terrain).filter(|maps| maps.show());
             let float = field.float;
+            // Asked for before the first map shows, and used when it is compiled: nothing waits for it.
+            let maps = shadows.get(*terrain).filter(|maps| !maps.lights.is_empty());
+            let shadowed = mesh_key.zip(maps).and_then(|(mesh, _)| {
+                let key = PipelineKey::TerrainShade {
+                    float,
+                    mesh,
+                    shadowed: true,
+                };
+                match pipelines.get(&cache, key) {
+                    PipelineId::Render(id) => cache.get_render_pipeline(id).map(|_| id),
+                    PipelineId::Compute(_) => None,
+                }
+            });
+            let shadow = maps.filter(|maps| maps.show() && shadowed.is_some());
             let mut compute = |key| match pipelines.get(&cache, key) {
                 PipelineId::Compute(id) => Some(id),
                 PipelineId::Render(_) => None,
@@ -137,13 +150,16 @@ pub fn prepare_terrain_bind_groups(
                 normal: prepass.is_some_and(|textures| textures.normal.is_some()),
                 motion: prepass.is_some_and(|textures| textures.motion_vectors.is_some()),
             });
-            let terrain_shade = mesh_key.and_then(|mesh| {
-                render(PipelineKey::TerrainShade {
-                    float,
-                    mesh,
-                    shadowed: shadow.is_some(),
-                })
-            });
+            let terrain_shade = match shadow {
+                Some(_) => shadowed,
+                None => mesh_key.and_then(|mesh| {
+                    render(PipelineKey::TerrainShade {
+                        float,
+                        mesh,
+                        shadowed: false,
+                    })
+                }),
+            };
             slot.pipelines = match (ray_cast, terrain_depth) {
                 (Some(ray_cast), Some(terrain_depth)) => Some(SlotPipelines {
                     subdivide,
