@@ -9,6 +9,7 @@
 #define_import_path bevy_skyline::light_rays
 
 #import bevy_skyline::types::T_NEVER
+#import bevy_skyline::shadow_tiles::{TILE, tile_byte}
 #import bevy_skyline::height_field::{cell_corners, field, node_range, sample_height}
 #import bevy_skyline::rays::{
     Above, Place, Ray, above_cell, border_t, clears_cell, exit_of, height_guard, height_of, move_on, ray_along,
@@ -44,11 +45,6 @@ struct Light {
 
 const LIGHT_DIRECTIONAL: u32 = 0u;
 const LIGHT_POINT: u32 = 1u;
-
-/// Side of a tile, which lies in the map in one piece. units: samples
-const TILE: u32 = 64u;
-/// Bytes of a tile: its samples, then their averages, level by level.
-const TILE_BYTES: u32 = 5464u;
 
 @group(1) @binding(0) var<uniform> light: Light;
 
@@ -333,14 +329,7 @@ fn listed_tile(group: vec3<u32>) -> u32 {
     return group.y + group.z * MOST_GROUPS;
 }
 
-/// The first byte of a tile of the map, and of a sample in it: tiles lie one after the other, in rows.
+/// The byte of a sample in the map.
 fn map_byte(at: vec2<u32>) -> u32 {
-    let tile = at / TILE - light.first_tile;
-    let inside = at % TILE;
-    return (tile.y * light.tiles.x + tile.x) * TILE_BYTES + inside.y * TILE + inside.x;
-}
-
-/// Where in a tile a level of averages begins: 4096 + 1024 + ... before it.
-fn mip_offset(level: u32) -> u32 {
-    return (4u * TILE * TILE - ((4u * TILE * TILE) >> (2u * level))) / 3u;
+    return tile_byte(at / TILE - light.first_tile, light.tiles.x, 0u, at % TILE);
 }

@@ -4,7 +4,8 @@
 // In and out: `visibility`; `tiles`, which tiles of the map.
 
 #import bevy_skyline::height_field::field
-#import bevy_skyline::light_rays::{TILE, TILE_BYTES, light, listed_tile, mip_offset}
+#import bevy_skyline::light_rays::{light, listed_tile}
+#import bevy_skyline::shadow_tiles::{COARSEST, TILE, TILE_BYTES, mip_offset}
 
 @group(1) @binding(1) var<storage, read> tiles: array<u32>;
 @group(1) @binding(2) var<storage, read_write> visibility: array<u32>;
@@ -24,7 +25,7 @@ fn shadow_mips(@builtin(local_invocation_index) local: u32, @builtin(workgroup_i
     let corner = (light.first_tile + vec2(index % light.tiles.x, index / light.tiles.x)) * TILE;
     // The last sample of the field in this tile: what lies beyond was not made.
     let last = min(vec2<u32>(field.cells) - corner, vec2(TILE - 1u));
-    for (var level = 1u; level <= 6u; level++) {
+    for (var level = 1u; level <= COARSEST; level++) {
         let side = TILE >> level;
         let side_in = side * 2u;
         let most = last >> vec2(level - 1u);

@@ -9,6 +9,8 @@
 // across the coarse texels, whatever the depth of who looks. No blend is nearer to the light than the nearest of
 // the four, which is all that the derivation in `terrain_cascade_erode.wgsl` asks of it.
 
+#import bevy_skyline::fullscreen::fullscreen_corner
+
 struct Cascade {
     /// Texel of `caster_depth` = framebuffer position * scale + offset.
     offset: vec2<f32>,
@@ -25,8 +27,7 @@ struct Cascade {
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    let uv = vec2<f32>(f32(index >> 1u), f32(index & 1u)) * 2.0;
-    return vec4(uv * vec2(2.0, -2.0) + vec2(-1.0, 1.0), 0.0, 1.0);
+    return fullscreen_corner(index);
 }
 
 @fragment

@@ -3,6 +3,7 @@
 // In:  `hit_depth`, `hit_surface`. Out: depth (nearer wins), normal (Bevy's prepass encoding), motion (NDC
 // units as Bevy's mesh prepass writes them). One sample stands for all of a multisampled pixel.
 
+#import bevy_skyline::fullscreen::fullscreen_corner
 #import bevy_skyline::placement::Placement
 #import bevy_skyline::surface::{facing, surface_at}
 #import bevy_skyline::view_rays::view
@@ -13,8 +14,7 @@
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    let uv = vec2<f32>(f32(index >> 1u), f32(index & 1u)) * 2.0;
-    return vec4(uv * vec2(2.0, -2.0) + vec2(-1.0, 1.0), 0.0, 1.0);
+    return fullscreen_corner(index);
 }
 
 struct Out {

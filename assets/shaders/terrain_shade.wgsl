@@ -16,6 +16,7 @@
 #ifdef TERRAIN_SHADOW
 #import bevy_skyline::terrain_lighting::blocked_light
 #endif
+#import bevy_skyline::fullscreen::fullscreen_corner
 #import bevy_skyline::surface::{facing, surface_at}
 #import bevy_skyline::placement::Placement
 #import bevy_skyline::view_rays::view
@@ -42,8 +43,7 @@ struct Look {
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
-    let uv = vec2<f32>(f32(index >> 1u), f32(index & 1u)) * 2.0;
-    return vec4(uv * vec2(2.0, -2.0) + vec2(-1.0, 1.0), 0.0, 1.0);
+    return fullscreen_corner(index);
 }
 
 struct Out {

@@ -6,7 +6,8 @@
 // In:  `tiles`, which tiles of the map to make. Out: `visibility`, a byte a sample, 255 = all of the light.
 
 #import bevy_skyline::height_field::{field, sample_height}
-#import bevy_skyline::light_rays::{TILE, light, listed_tile, map_byte, visible_share}
+#import bevy_skyline::light_rays::{light, listed_tile, map_byte, visible_share}
+#import bevy_skyline::shadow_tiles::TILE
 
 @group(1) @binding(1) var<storage, read> tiles: array<u32>;
 @group(1) @binding(2) var<storage, read_write> visibility: array<u32>;

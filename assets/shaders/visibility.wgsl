@@ -2,6 +2,7 @@
 #define_import_path bevy_skyline::visibility
 
 #import bevy_skyline::height_field::field
+#import bevy_skyline::shadow_tiles::{COARSEST, TILE, tile_byte}
 
 /// Mirrors `GpuLightMap`.
 struct LightMap {
@@ -21,12 +22,6 @@ struct LightMaps {
     maps: array<LightMap, 16>,
 };
 
-/// Side of a tile, and its bytes, as in `light_rays.wgsl`. units: samples
-const TILE: u32 = 64u;
-const TILE_BYTES: u32 = 5464u;
-/// The level at which a tile is one average.
-const COARSEST: u32 = 6u;
-
 @group(3) @binding(6) var<uniform> light_maps: LightMaps;
 @group(3) @binding(7) var<storage, read> visibility: array<u32>;
 
@@ -37,9 +32,7 @@ fn block_visibility(map: u32, level: u32, at: vec2<u32>) -> f32 {
     if any(at / side < light_maps.maps[map].first_tile) || any(tile >= light_maps.maps[map].tiles) {
         return 1.0;
     }
-    let inside = at % side;
-    let mip_offset = (4u * TILE * TILE - ((4u * TILE * TILE) >> (2u * level))) / 3u;
-    let byte = (tile.y * light_maps.maps[map].tiles.x + tile.x) * TILE_BYTES + mip_offset + inside.y * side + inside.x;
+    let byte = tile_byte(tile, light_maps.maps[map].tiles.x, level, at % side);
     let word = visibility[light_maps.maps[map].first_word + byte / 4u];
     return f32((word >> (8u * (byte % 4u))) & 0xffu) / 255.0;
 }

@@ -14,13 +14,13 @@ use bevy_skyline::{
         accuracy::{AccuracyError, scene::mountains, shadow, terrain},
         render::{Figures, RenderError, Shot, Sun, render},
         shadow::METHODS,
-        shadow_map::{self, MOST_STRIPS, MapError, MapFigures, MapLight, MapShot},
+        shadow_map::{self, MapError, MapFigures, MapLight, MapShot},
     },
     terrain::{
         HeightField, HeightFieldLoadError, HeightFieldNote, HeightFieldSettings, TerrainRayCasting,
         Traversal, read_height_field,
     },
-    terrain_shadow::ShadowMethod,
+    terrain_shadow::{MOST_STRIPS, ShadowMethod},
 };
 use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use serde::Serialize;

@@ -218,8 +218,7 @@ impl Offline {
         self.app
             .world()
             .get_resource::<RenderAdapterInfo>()
-            // Bevy exports `AdapterInfo` but not the type of this field.
-            .is_some_and(|info| format!("{:?}", info.device_type) == "Cpu")
+            .is_some_and(|info| info.device_type == wgpu::DeviceType::Cpu)
     }
 
     /// An image cameras can draw to and that can be read back.

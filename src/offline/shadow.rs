@@ -196,19 +196,8 @@ impl Offline {
                     );
                     let field = fields.get(id).filter(|field| field.is_settled())?;
                     let grid = TileGrid::over(light.reached(field.size)?);
-                    let sweep = (method == ShadowMethod::Sweep)
-                        .then(|| SweepPath::new(light, field.size))
-                        .flatten()
-                        .map(|path| path.lines);
-                    let wanted = MadeFor {
-                        light: *light,
-                        method: match method {
-                            ShadowMethod::Sweep if sweep.is_none() => ShadowMethod::MaxMip,
-                            method => method,
-                        },
-                        strips: if light.radius == 0.0 { 0 } else { strips },
-                        heights: 0,
-                    };
+                    let wanted = MadeFor::new(light, method, strips, 0);
+                    let sweep = SweepPath::of(&wanted, field.size).map(|path| path.lines);
                     let mut making = Making::new(grid.len(), device, queue);
                     let mut times = Vec::with_capacity(runs);
                     for _ in 0..runs.max(1) {
@@ -237,8 +226,7 @@ impl Offline {
                             queue,
                         );
                         let mut encoder = device.create_command_encoder(&default());
-                        let listed = plan.list().len() as u32;
-                        making.record(&step, listed, [pipeline, mips], &mut encoder, None, stats);
+                        making.record(&plan, &step, [pipeline, mips], &mut encoder, None, stats);
                         // What was written to the GPU's buffers above is not part of the time.
                         queue.submit([]);
                         device.poll(PollType::wait_indefinitely()).ok()?;

@@ -11,15 +11,13 @@ use super::{
 };
 use crate::{
     terrain::{HeightField, Terrain},
-    terrain_shadow::{ShadowMethod, light::GridLight},
+    terrain_shadow::{MOST_STRIPS, ShadowMethod, light::GridLight, plan::MadeFor},
 };
 
 /// A map that takes longer is made once, others a few times more, for their time. units: ms
 const SLOW_MS: f64 = 2_000.0;
 /// How many times more.
 const RUNS: usize = 5;
-/// The most strips of a light's disc.
-pub const MOST_STRIPS: u32 = 16;
 
 /// A light over a field, in the field's local space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -217,16 +215,13 @@ impl MapShot {
     /// The method that makes the map: [`MaxMip`](ShadowMethod::MaxMip) where a sweep has no way to go, for lights
     /// near by and for a sun straight above or below.
     pub fn method_used(&self) -> ShadowMethod {
-        let upright = match self.light {
+        let can_sweep = match self.light {
             MapLight::Sun { sun, .. } => {
-                let to_sun = sun.direction();
-                GridLight::directional(to_sun, 0.0, default())
-                    .ray(DVec3::ZERO)
-                    .is_none()
+                GridLight::directional(sun.direction(), 0.0, default()).can_sweep()
             }
-            MapLight::Point { .. } => true,
+            MapLight::Point { .. } => false,
         };
-        if self.method == ShadowMethod::Sweep && upright {
+        if self.method == ShadowMethod::Sweep && !can_sweep {
             ShadowMethod::MaxMip
         } else {
             self.method
@@ -310,11 +305,7 @@ pub fn make(field: HeightField, shot: &MapShot) -> Result<MadeMap, MapError> {
         times = stage.cast(&light, method, shot.strips, RUNS)?.1;
     }
     let seen: u64 = image.visibility.iter().map(|share| u64::from(*share)).sum();
-    let strips = match method {
-        _ if shot.light.is_hard() => 0,
-        ShadowMethod::Sweep => 1,
-        _ => shot.strips,
-    };
+    let strips = MadeFor::new(&light, method, shot.strips, 0).strips;
     let figures = MapFigures {
         size,
         method: method_name(method),

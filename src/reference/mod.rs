@@ -3,6 +3,7 @@
 
 pub mod cell;
 pub mod guard;
+mod outcome;
 pub mod ray_cast;
 pub mod surface;
 pub mod terrain_shadow;

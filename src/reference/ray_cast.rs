@@ -18,6 +18,7 @@ use bevy::math::{DVec2, DVec3, UVec2, Vec2, Vec3Swizzles};
 use super::{
     cell::Quadratic,
     guard::{RayMagnitude, Steepness, depth_error},
+    outcome::outcome,
     surface::Surface,
 };
 use crate::terrain::{HeightField, view_rays::ViewRays};
@@ -546,23 +547,13 @@ impl Tally {
     /// In words, if any answer was wrong, if no ray was decided, or if more than this fraction of the rays was in
     /// the guard band, where hardly anything is wrong.
     pub fn verdict(&self, max_in_band_fraction: f64) -> Result<(), String> {
-        let (rays, in_band) = (self.rays(), self.in_band);
-        if let Some(first) = self.wrong.first() {
-            Err(format!(
-                "{} of {rays} rays are wrong; the first: {first:?}",
-                self.wrong.len()
-            ))
-        } else if self.hits + self.misses == 0 {
-            Err(format!(
-                "nothing was compared: {in_band} of {rays} rays are in the guard band"
-            ))
-        } else if in_band as f64 > max_in_band_fraction * rays as f64 {
-            Err(format!(
-                "{in_band} of {rays} rays are in the guard band: too many to mean anything"
-            ))
-        } else {
-            Ok(())
-        }
+        outcome(
+            "rays",
+            &self.wrong,
+            self.hits + self.misses,
+            self.in_band,
+            max_in_band_fraction,
+        )
     }
 
     /// Panics with [`verdict`](Self::verdict)'s words.

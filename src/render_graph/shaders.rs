@@ -17,6 +17,8 @@ pub fn embed(app: &mut App) {
     load_shader_library!(app, "../../assets/shaders/boxes.wgsl");
     load_shader_library!(app, "../../assets/shaders/surface.wgsl");
     load_shader_library!(app, "../../assets/shaders/placement.wgsl");
+    load_shader_library!(app, "../../assets/shaders/fullscreen.wgsl");
+    load_shader_library!(app, "../../assets/shaders/shadow_tiles.wgsl");
     load_shader_library!(app, "../../assets/shaders/light_rays.wgsl");
     load_shader_library!(app, "../../assets/shaders/visibility.wgsl");
     load_shader_library!(app, "../../assets/shaders/terrain_lighting.wgsl");

@@ -119,6 +119,11 @@ impl GridLight {
         Some(LightRay { direction, t_end })
     }
 
+    /// Whether a sweep can go away from it: it is directional, and not straight above or below.
+    pub fn can_sweep(&self) -> bool {
+        matches!(self.source, LightSource::Directional(_)) && self.ray(DVec3::ZERO).is_some()
+    }
+
     /// The light's disc as seen from a sample's place.
     pub fn disc(&self, from: DVec3) -> Disc {
         let centre = self.to_light(from);

@@ -8,6 +8,9 @@ use bevy::{math::DVec3, prelude::*};
 
 use crate::terrain::Terrain;
 
+/// The most strips of a light's disc.
+pub const MOST_STRIPS: u32 = 16;
+
 /// Gives a terrain the shadows it casts on itself: for each of its lights a map of how much of the light every
 /// sample of the height field sees (P5b).
 ///

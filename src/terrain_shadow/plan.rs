@@ -34,6 +34,28 @@ pub struct MadeFor {
     pub heights: u64,
 }
 
+impl MadeFor {
+    /// Settles what of the settings a light can have: lights without a size have no strips, and those that cannot
+    /// be swept away from are seen along rays.
+    pub fn new(light: &GridLight, method: ShadowMethod, strips: u32, heights: u64) -> Self {
+        let method = match method {
+            ShadowMethod::Sweep if !light.can_sweep() => ShadowMethod::MaxMip,
+            method => method,
+        };
+        let hard = light.radius == 0.0 || strips == 0;
+        Self {
+            light: *light,
+            method,
+            strips: match method {
+                _ if hard => 0,
+                ShadowMethod::Sweep => 1,
+                _ => strips,
+            },
+            heights,
+        }
+    }
+}
+
 /// What to compute in a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Work {

@@ -4,7 +4,7 @@ use bevy::math::{DVec2, DVec3, URect, UVec2, Vec3Swizzles};
 
 use super::light::{GridLight, LightSource};
 
-/// Side of a tile, as `TILE` in `light_rays.wgsl`. units: samples
+/// Side of a tile, as `TILE` in `shadow_tiles.wgsl`. units: samples
 pub const TILE: u32 = 64;
 
 /// Bytes of a tile: its samples, row by row, then their averages over 2×2, 4×4 … 64×64, and padding.

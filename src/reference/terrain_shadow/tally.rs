@@ -3,6 +3,7 @@
 use bevy::math::UVec2;
 
 use super::ShadowVerdict;
+use crate::reference::outcome::outcome;
 
 /// The GPU's answers to many samples, held against the twin's.
 #[derive(Clone, Debug, Default)]
@@ -64,23 +65,13 @@ impl ShadowTally {
     /// In words, if any answer was wrong, if no sample was decided, or if more than this fraction of the samples was
     /// in the guard band, where nothing but a grey is wrong.
     pub fn verdict(&self, max_in_band_fraction: f64) -> Result<(), String> {
-        let (samples, in_band) = (self.samples(), self.in_band);
-        if let Some(first) = self.wrong.first() {
-            Err(format!(
-                "{} of {samples} samples are wrong; the first: {first:?}",
-                self.wrong.len()
-            ))
-        } else if self.lit + self.dark == 0 {
-            Err(format!(
-                "nothing was compared: {in_band} of {samples} samples are in the guard band"
-            ))
-        } else if in_band as f64 > max_in_band_fraction * samples as f64 {
-            Err(format!(
-                "{in_band} of {samples} samples are in the guard band: too many to mean anything"
-            ))
-        } else {
-            Ok(())
-        }
+        outcome(
+            "samples",
+            &self.wrong,
+            self.lit + self.dark,
+            self.in_band,
+            max_in_band_fraction,
+        )
     }
 
     /// Panics with [`verdict`](Self::verdict)'s words.

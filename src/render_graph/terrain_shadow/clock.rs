@@ -68,9 +68,7 @@ struct Timestamps {
 impl ShadowClock {
     /// A clock that has measured nothing yet.
     pub fn new(device: &RenderDevice, queue: &RenderQueue, adapter: &RenderAdapterInfo) -> Self {
-        // Bevy exports `AdapterInfo` but not the type of this field.
-        let software = format!("{:?}", adapter.device_type) == "Cpu";
-        let way = if software {
+        let way = if adapter.device_type == wgpu::DeviceType::Cpu {
             Way::Wait
         } else if device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
             Way::Timestamps(Box::new(Timestamps::new(device, queue)))

@@ -8,11 +8,10 @@ use super::TerrainShadows;
 use crate::{
     render_graph::extract::affine64,
     terrain::{HeightField, Terrain},
-    terrain_shadow::{ExactLight, ShadowMethod, ShadowedLights, TerrainShadow, light::GridLight},
+    terrain_shadow::{
+        ExactLight, MOST_STRIPS, ShadowMethod, ShadowedLights, TerrainShadow, light::GridLight,
+    },
 };
-
-/// Strips of a light's disc, at the most.
-const MOST_STRIPS: u32 = 16;
 
 /// One terrain that casts shadows.
 pub struct ExtractedShadow {

@@ -20,7 +20,7 @@ use crate::{
     },
     terrain_shadow::{
         ShadowMethod,
-        light::{GridLight, LightRay, LightSource},
+        light::{LightRay, LightSource},
         plan::{MadeFor, MapPlan, Publish, Step, SweepLines, Work},
         tiles::{TILE_BYTES, TileGrid},
     },
@@ -111,11 +111,12 @@ pub struct SweepPath {
 }
 
 impl SweepPath {
-    /// `None` for lights that are not directional, and for one straight above, which needs no sweep.
-    pub fn new(light: &GridLight, size: UVec2) -> Option<Self> {
-        let LightSource::Directional(_) = light.source else {
+    /// Of a map that is swept; `None` for others.
+    pub fn of(made_for: &MadeFor, size: UVec2) -> Option<Self> {
+        if made_for.method != ShadowMethod::Sweep {
             return None;
-        };
+        }
+        let light = &made_for.light;
         let LightRay { direction, .. } = light.ray(DVec3::ZERO)?;
         let along_x = direction.x.abs() == 1.0;
         let (toward, m, columns, rows) = if along_x {
@@ -259,7 +260,7 @@ impl Making {
         ));
         self.light.write_buffer(device, queue);
         if let Work::Lines { lines, .. } = &step.work
-            && let Some(path) = SweepPath::new(&made_for.light, field.size)
+            && let Some(path) = SweepPath::of(made_for, field.size)
         {
             self.sweep.set(path.part(lines));
             self.sweep.write_buffer(device, queue);
@@ -333,8 +334,8 @@ impl Making {
     /// Records a step's work: one dispatch, and one for the averages of the tiles it has completed.
     pub fn record(
         &self,
+        plan: &MapPlan,
         step: &Step,
-        listed: u32,
         [pipeline, mips]: [&ComputePipeline; 2],
         encoder: &mut CommandEncoder,
         timestamps: Option<ComputePassTimestampWrites>,
@@ -346,6 +347,7 @@ impl Making {
         if matches!(step.work, Work::Lines { first: true, .. }) {
             encoder.clear_buffer(&self.visibility, 0, None);
         }
+        let listed = plan.list().len() as u32;
         // Tiles are dealt out over two dimensions: one alone ends at 65,535.
         let rows = listed.min(MOST_GROUPS);
         let layers = listed.div_ceil(MOST_GROUPS);
@@ -424,6 +426,7 @@ fn runs(numbers: impl Iterator<Item = u32>, mut each: impl FnMut(u32, u32)) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::terrain_shadow::light::GridLight;
 
     #[test]
     fn consecutive_tiles_are_copied_in_one() {

@@ -13,12 +13,11 @@ use bevy::{
 
 use super::{
     extract::{ExtractedShadow, ExtractedShadowLight},
-    gpu::{Making, SweepPath},
+    gpu::Making,
 };
 use crate::{
     terrain::{HeightField, HeightFieldChanged},
     terrain_shadow::{
-        ShadowMethod,
         light::GridLight,
         plan::{MadeFor, MapPlan, Publish, Step},
         tiles::{EditReach, TileGrid},
@@ -184,22 +183,7 @@ impl TerrainMaps {
 
     /// What a light's map is to be made for.
     pub fn wanted(&self, terrain: &ExtractedShadow, light: &GridLight) -> MadeFor {
-        let sweeps =
-            terrain.method == ShadowMethod::Sweep && SweepPath::new(light, terrain.size).is_some();
-        let hard = light.radius == 0.0 || terrain.strips == 0;
-        MadeFor {
-            light: *light,
-            method: match terrain.method {
-                ShadowMethod::Sweep if !sweeps => ShadowMethod::MaxMip,
-                method => method,
-            },
-            strips: match (hard, sweeps) {
-                (true, _) => 0,
-                (false, true) => 1,
-                (false, false) => terrain.strips,
-            },
-            heights: self.heights_epoch,
-        }
+        MadeFor::new(light, terrain.method, terrain.strips, self.heights_epoch)
     }
 
     /// Makes the list of maps follow the list of lights, and finds each its place.

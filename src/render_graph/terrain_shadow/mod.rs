@@ -6,7 +6,7 @@
 //!
 //! # Inputs / outputs
 //! In: the height field and its pyramid. Out: per terrain one storage buffer, a byte a sample and light, 255 = all of
-//! the light, in tiles of 64×64 samples of which each lies in one piece; while a map is made, a second buffer of the
+//! the light, in tiles of 64×64 samples of which each lies in one piece with its averages behind; while a map is made, a second buffer of the
 //! largest map's size. Point and spot lights have maps of the samples within their range.
 //!
 //! # Reference
@@ -210,10 +210,7 @@ fn plan(
     device: &RenderDevice,
     queue: &RenderQueue,
 ) -> Option<Planned> {
-    let sweep = (wanted.method == ShadowMethod::Sweep)
-        .then(|| SweepPath::new(&wanted.light, terrain.size))
-        .flatten()
-        .map(|path| path.lines);
+    let sweep = SweepPath::of(&wanted, terrain.size).map(|path| path.lines);
     // Nothing is begun before it can be recorded.
     let works: &[Work] = if sweep.is_some() {
         &[Work::Lines {
@@ -296,10 +293,9 @@ pub fn terrain_shadow(
             &queue,
             ctx.command_encoder(),
             |encoder, timestamps| {
-                let listed = map.plan.list().len() as u32;
                 making.record(
+                    &map.plan,
                     &planned.step,
-                    listed,
                     [pipeline, mips],
                     encoder,
                     timestamps,

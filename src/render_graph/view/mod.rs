@@ -175,7 +175,7 @@ pub fn prepare_terrain_views(
             let Some(field) = fields.get(terrain.field) else {
                 continue;
             };
-            // Out of view for now or not, the slot stays: only a terrain that is gone frees it.
+            // In view or not, the slot stays: only a terrain that is gone frees it.
             let slot = view.slots.entry(terrain.entity).or_default();
             slot.seen = true;
             if !field.ready {
