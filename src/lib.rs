@@ -36,6 +36,7 @@
 //! maps (P5b). Docs cite them by these numbers. This version has P1 and P5b.
 
 pub mod effects;
+pub mod occlusion;
 #[cfg(feature = "cli")]
 pub mod offline;
 pub mod plugin;

@@ -1,0 +1,31 @@
+//! The volumes that stand for an object, in its mesh's own space. Each encloses the object; a test that finds the
+//! volume hidden has found the object hidden.
+
+use bevy::prelude::*;
+
+/// A box of any orientation: the points `centre + u·axes[0] + v·axes[1] + w·axes[2]` with `u, v, w` in `-1..=1`.
+/// An axis may be zero.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq)]
+#[reflect(Default, Clone, Debug, PartialEq)]
+pub struct LocalBox {
+    /// Its centre.
+    pub centre: Vec3,
+    /// Its half axes, at right angles to each other.
+    pub axes: [Vec3; 3],
+}
+
+/// All points within `radius` of a triangle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SweptTriangle {
+    /// The triangle's corners; they may coincide.
+    pub corners: [Vec3; 3],
+    /// How far around the triangle it reaches, not negative.
+    pub radius: f32,
+}
+
+/// A simplified mesh whose thickened triangles together enclose every point of the mesh it stands for.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Proxy {
+    /// The thickened triangles.
+    pub triangles: Vec<SweptTriangle>,
+}
