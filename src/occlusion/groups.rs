@@ -1,0 +1,335 @@
+//! Groups of occludees: an entity and what hangs below it by `ChildOf` (P2, §3.1). A group found hidden or out of
+//! view is not descended into.
+
+use bevy::{
+    ecs::entity::EntityHashMap,
+    math::{Affine3A, Vec3, Vec3A},
+    prelude::*,
+};
+
+use super::{
+    occludees::{NO_SLOT, Occludee},
+    volume::LocalBox,
+};
+
+/// No group.
+pub const NO_GROUP: u32 = u32::MAX;
+
+/// One group: the occludees right below an entity, and the groups right below it.
+#[derive(Clone, Debug)]
+pub struct Group {
+    owner: Entity,
+    /// The group it is in.
+    pub parent: u32,
+    slots: Vec<u32>,
+    groups: Vec<u32>,
+    /// Encloses everything in the group, in world space; `None` where something in it has no finite bound.
+    bound: Option<LocalBox>,
+    stale: bool,
+}
+
+impl Group {
+    /// Whether testing the group can spare a test: it has at least two members.
+    pub fn spares(&self) -> bool {
+        self.slots.len() + self.groups.len() > 1
+    }
+
+    /// Encloses everything in the group, in world space. Only after [`Groups::refresh`].
+    pub fn bound(&self) -> Option<&LocalBox> {
+        self.bound.as_ref()
+    }
+}
+
+/// The forest of groups.
+#[derive(Default)]
+pub struct Groups {
+    groups: Vec<Group>,
+    of_owner: EntityHashMap<u32>,
+    of_slot: Vec<u32>,
+    any_stale: bool,
+    free: Vec<u32>,
+}
+
+impl Groups {
+    /// The group a slot is in.
+    pub fn of(&self, slot: u32) -> u32 {
+        self.of_slot.get(slot as usize).copied().unwrap_or(NO_GROUP)
+    }
+
+    /// How many groups there have been at one time.
+    pub fn len(&self) -> usize {
+        self.groups.len()
+    }
+
+    /// A group.
+    pub fn get(&self, group: u32) -> Option<&Group> {
+        self.groups.get(group as usize)
+    }
+
+    /// Puts a slot below the entities `ancestors`, nearest first; below none, it is in no group.
+    pub fn place(&mut self, slot: u32, ancestors: impl IntoIterator<Item = Entity>) {
+        self.leave(slot);
+        let mut ancestors = ancestors.into_iter();
+        let Some(owner) = ancestors.next() else {
+            return;
+        };
+        let group = self.group_of(owner);
+        if self.of_slot.len() <= slot as usize {
+            self.of_slot.resize(slot as usize + 1, NO_GROUP);
+        }
+        self.of_slot[slot as usize] = group;
+        self.groups[group as usize].slots.push(slot);
+        let mut below = group;
+        for owner in ancestors {
+            let above = self.group_of(owner);
+            let old = self.groups[below as usize].parent;
+            if old != above {
+                self.unlink(below);
+                self.groups[below as usize].parent = above;
+                self.groups[above as usize].groups.push(below);
+            }
+            below = above;
+        }
+        if self.groups[below as usize].parent != NO_GROUP {
+            self.unlink(below);
+        }
+        self.touch(slot);
+    }
+
+    /// Takes a slot out of its group.
+    pub fn leave(&mut self, slot: u32) {
+        let Some(group) = self.of_slot.get_mut(slot as usize) else {
+            return;
+        };
+        let group = core::mem::replace(group, NO_GROUP);
+        if group == NO_GROUP {
+            return;
+        }
+        self.groups[group as usize].slots.retain(|s| *s != slot);
+        self.touch_group(group);
+        self.free_if_empty(group);
+    }
+
+    /// Something in a slot changed.
+    pub fn touch(&mut self, slot: u32) {
+        self.touch_group(self.of(slot));
+    }
+
+    /// Brings the bounds of all groups up to date. Work is caused by change: groups in which nothing moved cost
+    /// nothing.
+    pub fn refresh<'a>(&mut self, occludee: impl Fn(u32) -> Option<&'a Occludee> + Copy) {
+        if !core::mem::take(&mut self.any_stale) {
+            return;
+        }
+        for group in 0..self.groups.len() as u32 {
+            self.refresh_group(group, occludee);
+        }
+    }
+
+    fn refresh_group<'a>(
+        &mut self,
+        group: u32,
+        occludee: impl Fn(u32) -> Option<&'a Occludee> + Copy,
+    ) {
+        if !core::mem::take(&mut self.groups[group as usize].stale) {
+            return;
+        }
+        let below = core::mem::take(&mut self.groups[group as usize].groups);
+        for child in &below {
+            self.refresh_group(*child, occludee);
+        }
+        let mut reach = Some((Vec3A::INFINITY, Vec3A::NEG_INFINITY));
+        let mut add = |(low, high): (Vec3A, Vec3A)| {
+            reach = reach.filter(|_| low.is_finite() && high.is_finite());
+            if let Some(reach) = &mut reach {
+                *reach = (reach.0.min(low), reach.1.max(high));
+            }
+        };
+        for child in &below {
+            add(self.groups[*child as usize]
+                .bound
+                .as_ref()
+                .map_or((Vec3A::NAN, Vec3A::NAN), |bound| {
+                    reach_of(&Affine3A::IDENTITY, bound)
+                }));
+        }
+        for slot in &self.groups[group as usize].slots {
+            if let Some(occludee) = occludee(*slot) {
+                add(reach_of(&occludee.world_from_local, &occludee.volume));
+            }
+        }
+        self.groups[group as usize].groups = below;
+        self.groups[group as usize].bound = reach
+            .filter(|(low, high)| low.cmple(*high).all())
+            .map(|(low, high)| between(low, high));
+    }
+
+    fn group_of(&mut self, owner: Entity) -> u32 {
+        if let Some(group) = self.of_owner.get(&owner) {
+            return *group;
+        }
+        let new = Group {
+            owner,
+            parent: NO_GROUP,
+            slots: Vec::new(),
+            groups: Vec::new(),
+            bound: None,
+            stale: true,
+        };
+        let group = match self.free.pop() {
+            Some(group) => {
+                self.groups[group as usize] = new;
+                group
+            }
+            None => {
+                self.groups.push(new);
+                self.groups.len() as u32 - 1
+            }
+        };
+        self.of_owner.insert(owner, group);
+        group
+    }
+
+    fn touch_group(&mut self, mut group: u32) {
+        // What is above a stale group is stale.
+        while let Some(state) = self.groups.get_mut(group as usize)
+            && !state.stale
+        {
+            state.stale = true;
+            group = state.parent;
+        }
+        self.any_stale = true;
+    }
+
+    fn unlink(&mut self, group: u32) {
+        let parent = core::mem::replace(&mut self.groups[group as usize].parent, NO_GROUP);
+        if parent != NO_GROUP {
+            self.groups[parent as usize].groups.retain(|g| *g != group);
+            self.touch_group(parent);
+            self.free_if_empty(parent);
+        }
+    }
+
+    fn free_if_empty(&mut self, group: u32) {
+        let state = &self.groups[group as usize];
+        if state.slots.is_empty() && state.groups.is_empty() {
+            self.of_owner.remove(&state.owner);
+            self.unlink(group);
+            self.free.push(group);
+        }
+    }
+}
+
+/// World-space reach of a box, lowest and highest corner, rounded outward.
+fn reach_of(world_from_local: &Affine3A, volume: &LocalBox) -> (Vec3A, Vec3A) {
+    let centre = world_from_local.transform_point3a(volume.centre.into());
+    let half = volume
+        .axes
+        .iter()
+        .map(|axis| world_from_local.transform_vector3a((*axis).into()).abs())
+        .sum::<Vec3A>();
+    // A dozen roundings, each of at most 2^-24 of the largest number it meets.
+    let local: Vec3A = volume.centre.abs().into();
+    let met = world_from_local.matrix3.x_axis.abs() * local.x
+        + world_from_local.matrix3.y_axis.abs() * local.y
+        + world_from_local.matrix3.z_axis.abs() * local.z
+        + world_from_local.translation.abs()
+        + half;
+    let slack = met * (12.0 * 0.5 * f32::EPSILON);
+    (centre - half - slack, centre + half + slack)
+}
+
+/// The box between two corners, rounded outward.
+fn between(low: Vec3A, high: Vec3A) -> LocalBox {
+    let centre = low * 0.5 + high * 0.5;
+    let half = (high - centre).max(centre - low) * (1.0 + 2.0 * f32::EPSILON);
+    let half = Vec3::from(half);
+    LocalBox {
+        centre: centre.into(),
+        axes: [
+            Vec3::new(half.x, 0.0, 0.0),
+            Vec3::new(0.0, half.y, 0.0),
+            Vec3::new(0.0, 0.0, half.z),
+        ],
+    }
+}
+
+/// Unused slots are in no group.
+const _: () = assert!(NO_SLOT == NO_GROUP);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(entity: Entity, x: f32) -> Occludee {
+        Occludee {
+            entity,
+            mesh: AssetId::default(),
+            world_from_local: Affine3A::from_translation(Vec3::new(x, 0.0, 0.0)),
+            volume: between(Vec3A::splat(-1.0), Vec3A::splat(1.0)),
+            proxy: None,
+        }
+    }
+
+    fn holds(bound: &LocalBox, low: f32, high: f32) -> bool {
+        let half = bound.axes[0].x;
+        bound.centre.x - half <= low
+            && bound.centre.x + half >= high
+            && half * 2.0 < (high - low) * 1.001
+    }
+
+    #[test]
+    fn a_groups_bound_follows_what_hangs_below_it() {
+        let mut world = World::new();
+        let e: Vec<Entity> = (0..6).map(|_| world.spawn_empty().id()).collect();
+        let mut objects = vec![at(e[0], 0.0), at(e[1], 10.0), at(e[2], 100.0)];
+        let mut groups = Groups::default();
+        // root e[3] has a group e[4] with slots 0 and 1, and slot 2 itself.
+        groups.place(0, [e[4], e[3]]);
+        groups.place(1, [e[4], e[3]]);
+        groups.place(2, [e[3]]);
+        groups.refresh(|slot| objects.get(slot as usize));
+        let inner = groups.of(0);
+        let root = groups.of(2);
+        assert_eq!(groups.of(1), inner);
+        assert_eq!(groups.get(inner).unwrap().parent, root);
+        assert!(groups.get(inner).unwrap().spares() && groups.get(root).unwrap().spares());
+        let bound = |groups: &Groups, group| *groups.get(group).unwrap().bound().unwrap();
+        assert!(holds(&bound(&groups, inner), -1.0, 11.0));
+        assert!(holds(&bound(&groups, root), -1.0, 101.0));
+
+        objects[1] = at(e[1], 20.0);
+        groups.touch(1);
+        groups.refresh(|slot| objects.get(slot as usize));
+        assert!(holds(&bound(&groups, inner), -1.0, 21.0));
+
+        // The inner group moves below another root; the old root keeps only slot 2.
+        groups.place(0, [e[4], e[5]]);
+        groups.place(1, [e[4], e[5]]);
+        groups.refresh(|slot| objects.get(slot as usize));
+        assert!(holds(&bound(&groups, root), 99.0, 101.0));
+        assert!(!groups.get(root).unwrap().spares());
+
+        // Without members there are no groups.
+        (0..3).for_each(|slot| groups.leave(slot));
+        assert!(groups.of_owner.is_empty());
+    }
+
+    #[test]
+    fn a_member_without_a_finite_bound_leaves_its_groups_without_one() {
+        let mut world = World::new();
+        let e: Vec<Entity> = (0..4).map(|_| world.spawn_empty().id()).collect();
+        let mut objects = vec![at(e[0], 0.0), at(e[1], f32::NAN)];
+        let mut groups = Groups::default();
+        groups.place(0, [e[2], e[3]]);
+        groups.place(1, [e[2], e[3]]);
+        groups.refresh(|slot| objects.get(slot as usize));
+        let (inner, root) = (groups.of(0), groups.get(groups.of(0)).unwrap().parent);
+        assert!(groups.get(inner).unwrap().bound().is_none());
+        assert!(groups.get(root).unwrap().bound().is_none());
+        objects[1] = at(e[1], 3.0);
+        groups.touch(1);
+        groups.refresh(|slot| objects.get(slot as usize));
+        assert!(groups.get(root).unwrap().bound().is_some());
+    }
+}

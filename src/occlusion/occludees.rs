@@ -1,0 +1,249 @@
+//! The table of everything that can be removed: one slot an entity, kept up by change, never by full scans.
+
+use std::{collections::VecDeque, sync::Arc};
+
+use bevy::{math::Affine3A, prelude::*};
+
+use super::{
+    groups::Groups,
+    volume::{LocalBox, Proxy},
+};
+
+/// No slot.
+pub const NO_SLOT: u32 = u32::MAX;
+
+/// Frames for which a freed slot is not given to another entity: longer than any verdict takes to come back.
+const QUARANTINE: u64 = 8;
+
+/// One entity that can be removed.
+#[derive(Clone, Debug)]
+pub struct Occludee {
+    /// Whose mesh it is.
+    pub entity: Entity,
+    /// Its mesh.
+    pub mesh: AssetId<Mesh>,
+    /// Where it stands.
+    pub world_from_local: Affine3A,
+    /// What stands for it.
+    pub volume: LocalBox,
+    /// Its thickened simplified mesh, where one is asked for and ready.
+    pub proxy: Option<Arc<Proxy>>,
+}
+
+/// Every entity that [`ZBufferOcclusion`](super::ZBufferOcclusion) may remove. Empty while no camera asks for it.
+#[derive(Resource, Default)]
+pub struct Occludees {
+    slots: Vec<Option<Occludee>>,
+    /// Slot of an entity by its index; whether it is that entity's and not an older one's, `slots` says.
+    slot_of_index: Vec<u32>,
+    free: VecDeque<(u64, u32)>,
+    /// Slots whose entity, place or volume changed since the last [`begin`](Self::begin).
+    dirty: Vec<u32>,
+    is_dirty: Vec<bool>,
+    /// Slots given to an entity since the last [`begin`](Self::begin).
+    assigned: Vec<u32>,
+    frame: u64,
+    /// Groups of occludees, by the entity hierarchy.
+    pub(crate) groups: Groups,
+}
+
+impl Occludees {
+    /// Begins a frame: forgets what changed in the last one.
+    pub(crate) fn begin(&mut self) {
+        self.frame += 1;
+        self.assigned.clear();
+        for slot in self.dirty.drain(..) {
+            self.is_dirty[slot as usize] = false;
+        }
+    }
+
+    /// Slots there are, used or not.
+    pub fn slots(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// Entities in the table.
+    pub fn len(&self) -> usize {
+        self.slots.len() - self.free.len()
+    }
+
+    /// Whether no entity is in the table.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The slot of an entity.
+    pub fn slot(&self, entity: Entity) -> Option<u32> {
+        let slot = *self.slot_of_index.get(entity.index_u32() as usize)?;
+        let occludee = self.slots.get(slot as usize)?.as_ref()?;
+        (occludee.entity == entity).then_some(slot)
+    }
+
+    /// What is in a slot.
+    pub fn get(&self, slot: u32) -> Option<&Occludee> {
+        self.slots.get(slot as usize)?.as_ref()
+    }
+
+    /// Everything in the table.
+    pub fn iter(&self) -> impl Iterator<Item = (u32, &Occludee)> {
+        self.slots
+            .iter()
+            .enumerate()
+            .filter_map(|(slot, occludee)| Some((slot as u32, occludee.as_ref()?)))
+    }
+
+    /// Slots that changed since the frame began, freed ones included.
+    pub fn dirty(&self) -> &[u32] {
+        &self.dirty
+    }
+
+    /// Slots given to an entity since the frame began: what was known of them was of another.
+    pub fn assigned(&self) -> &[u32] {
+        &self.assigned
+    }
+
+    /// Puts an entity in, or changes what is known of it.
+    pub(crate) fn insert(&mut self, occludee: Occludee) -> u32 {
+        let index = occludee.entity.index_u32() as usize;
+        let slot = match self.slot(occludee.entity) {
+            Some(slot) => slot,
+            None => {
+                // An older entity of the same index is gone.
+                if let Some(slot) = self.slot_of_index.get(index).copied()
+                    && slot != NO_SLOT
+                {
+                    self.free_slot(slot);
+                }
+                let slot = match self.free.front() {
+                    Some((since, slot)) if since + QUARANTINE < self.frame => {
+                        let slot = *slot;
+                        self.free.pop_front();
+                        slot
+                    }
+                    _ => {
+                        self.slots.push(None);
+                        self.is_dirty.push(false);
+                        self.slots.len() as u32 - 1
+                    }
+                };
+                if self.slot_of_index.len() <= index {
+                    self.slot_of_index.resize(index + 1, NO_SLOT);
+                }
+                self.slot_of_index[index] = slot;
+                self.assigned.push(slot);
+                slot
+            }
+        };
+        self.slots[slot as usize] = Some(occludee);
+        self.mark(slot);
+        slot
+    }
+
+    /// Moves an entity.
+    pub(crate) fn place(&mut self, slot: u32, world_from_local: Affine3A) {
+        if let Some(occludee) = &mut self.slots[slot as usize] {
+            occludee.world_from_local = world_from_local;
+            self.mark(slot);
+        }
+    }
+
+    /// Changes what stands for an entity.
+    pub(crate) fn reshape(&mut self, slot: u32, volume: LocalBox, proxy: Option<Arc<Proxy>>) {
+        if let Some(occludee) = &mut self.slots[slot as usize] {
+            occludee.volume = volume;
+            occludee.proxy = proxy;
+            self.mark(slot);
+        }
+    }
+
+    /// Takes an entity out.
+    pub(crate) fn remove(&mut self, entity: Entity) {
+        if let Some(slot) = self.slot(entity) {
+            self.slot_of_index[entity.index_u32() as usize] = NO_SLOT;
+            self.free_slot(slot);
+        }
+    }
+
+    /// Takes everything out and frees the memory.
+    pub(crate) fn forget(&mut self) {
+        *self = Self {
+            frame: self.frame,
+            ..default()
+        };
+    }
+
+    fn free_slot(&mut self, slot: u32) {
+        if self.slots[slot as usize].take().is_some() {
+            self.groups.leave(slot);
+            self.free.push_back((self.frame, slot));
+            self.mark(slot);
+        }
+    }
+
+    fn mark(&mut self, slot: u32) {
+        self.groups.touch(slot);
+        if !self.is_dirty[slot as usize] {
+            self.is_dirty[slot as usize] = true;
+            self.dirty.push(slot);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn occludee(entity: Entity) -> Occludee {
+        Occludee {
+            entity,
+            mesh: AssetId::default(),
+            world_from_local: Affine3A::IDENTITY,
+            volume: LocalBox::default(),
+            proxy: None,
+        }
+    }
+
+    #[test]
+    fn an_entitys_slot_is_its_own_and_rests_before_it_is_anothers() {
+        let mut world = World::new();
+        let [a, b] = [world.spawn_empty().id(), world.spawn_empty().id()];
+        let mut table = Occludees::default();
+        table.begin();
+        let (slot_a, slot_b) = (table.insert(occludee(a)), table.insert(occludee(b)));
+        assert_ne!(slot_a, slot_b);
+        assert_eq!(table.insert(occludee(a)), slot_a, "known already");
+        assert_eq!(table.dirty(), [slot_a, slot_b]);
+        table.begin();
+        assert!(table.dirty().is_empty());
+
+        world.despawn(a);
+        table.remove(a);
+        assert_eq!((table.slot(a), table.len()), (None, 1));
+        assert_eq!(table.dirty(), [slot_a], "what was known of it is void");
+        let again = world.spawn_empty().id();
+        assert_eq!(again.index_u32(), a.index_u32(), "Bevy gives the index again");
+        let slot_again = table.insert(occludee(again));
+        assert_ne!(slot_again, slot_a, "verdicts on the way are not for it");
+        assert_eq!((table.slot(a), table.slot(again)), (None, Some(slot_again)));
+        for _ in 0..=QUARANTINE {
+            table.begin();
+        }
+        let late = world.spawn_empty().id();
+        assert_eq!(table.insert(occludee(late)), slot_a);
+        assert_eq!(table.slots(), 3);
+    }
+
+    #[test]
+    fn an_entity_that_was_replaced_without_notice_gives_its_slot_up() {
+        let mut world = World::new();
+        let old = world.spawn_empty().id();
+        let mut table = Occludees::default();
+        table.begin();
+        table.insert(occludee(old));
+        world.despawn(old);
+        let new = world.spawn_empty().id();
+        assert_eq!(new.index_u32(), old.index_u32());
+        table.insert(occludee(new));
+        assert_eq!((table.len(), table.slot(old)), (1, None));
+    }
+}

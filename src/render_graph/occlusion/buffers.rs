@@ -1,0 +1,386 @@
+//! GPU memory of occlusion culling: the table of occludees, shared by all cameras, and what each camera has.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+};
+
+use bevy::{
+    platform::collections::HashMap,
+    prelude::*,
+    render::{
+        render_resource::*,
+        renderer::{RenderDevice, RenderQueue},
+        sync_world::MainEntity,
+    },
+};
+use bytemuck::{Pod, Zeroable};
+
+use crate::occlusion::{
+    bits::Bits,
+    camera::{Mailbox, Returned},
+    depth::{GpuOcclusionView, ReducedDepth},
+    occludees::{NO_SLOT, Occludee},
+    volume::Proxy,
+};
+
+/// One occludee. Mirrors `Occludee` in `occludee_types.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuOccludee {
+    /// Rows of the affine transform.
+    pub world_from_local: [[f32; 4]; 3],
+    pub centre: [f32; 3],
+    /// First of its proxy's triangles.
+    pub first_triangle: u32,
+    pub axis_0: [f32; 3],
+    /// Triangles of its proxy; 0 without one.
+    pub triangles: u32,
+    pub axis_1: [f32; 3],
+    pub padding_1: f32,
+    pub axis_2: [f32; 3],
+    pub padding_2: f32,
+}
+
+impl GpuOccludee {
+    fn new(of: &Occludee, first_triangle: u32, triangles: u32) -> Self {
+        let m = of.world_from_local.matrix3;
+        let t = of.world_from_local.translation;
+        let row = |i: usize| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]];
+        Self {
+            world_from_local: [row(0), row(1), row(2)],
+            centre: of.volume.centre.to_array(),
+            first_triangle,
+            axis_0: of.volume.axes[0].to_array(),
+            triangles,
+            axis_1: of.volume.axes[1].to_array(),
+            padding_1: 0.0,
+            axis_2: of.volume.axes[2].to_array(),
+            padding_2: 0.0,
+        }
+    }
+}
+
+/// A growing array of plain values and its copy on the GPU. Only what changed is uploaded.
+pub struct GpuTable<T> {
+    label: &'static str,
+    values: Vec<T>,
+    changed: Vec<u32>,
+    buffer: Option<Buffer>,
+}
+
+impl<T: Pod> GpuTable<T> {
+    fn new(label: &'static str) -> Self {
+        Self {
+            label,
+            values: Vec::new(),
+            changed: Vec::new(),
+            buffer: None,
+        }
+    }
+
+    fn set(&mut self, i: u32, value: T, empty: T) {
+        if self.values.len() <= i as usize {
+            self.values.resize(i as usize + 1, empty);
+        }
+        self.values[i as usize] = value;
+        self.changed.push(i);
+    }
+
+    fn extend(&mut self, values: impl IntoIterator<Item = T>) -> u32 {
+        let first = self.values.len() as u32;
+        self.values.extend(values);
+        self.changed.extend(first..self.values.len() as u32);
+        first
+    }
+
+    /// Uploads what changed; all of it if it has outgrown its buffer.
+    fn flush(&mut self, device: &RenderDevice, queue: &RenderQueue) {
+        let bytes = (self.values.len() * size_of::<T>()) as u64;
+        if self.buffer.as_ref().is_none_or(|b| b.size() < bytes) {
+            let room = (bytes * 3 / 2).next_multiple_of(256).max(256);
+            let buffer = device.create_buffer(&BufferDescriptor {
+                label: Some(self.label),
+                size: room,
+                usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            });
+            queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&self.values));
+            self.buffer = Some(buffer);
+            self.changed.clear();
+            return;
+        }
+        let Some(buffer) = &self.buffer else { return };
+        self.changed.sort_unstable();
+        self.changed.dedup();
+        for run in self.changed.chunk_by(|a, b| a + 1 == *b) {
+            let (first, last) = (run[0] as usize, run[run.len() - 1] as usize);
+            let size = size_of::<T>();
+            queue.write_buffer(
+                buffer,
+                (first * size) as u64,
+                bytemuck::cast_slice(&self.values[first..=last]),
+            );
+        }
+        self.changed.clear();
+    }
+
+    /// The GPU's copy.
+    pub fn buffer(&self) -> Option<&Buffer> {
+        self.buffer.as_ref()
+    }
+
+    fn bytes(&self) -> u64 {
+        self.buffer.as_ref().map_or(0, Buffer::size)
+    }
+}
+
+/// The table of occludees on the GPU, shared by all cameras. Empty while no camera asks for culling.
+#[derive(Resource)]
+pub struct GpuOccludees {
+    pub occludees: GpuTable<GpuOccludee>,
+    /// Three vectors a triangle, the radius in the first one's `w`.
+    pub triangles: GpuTable<[f32; 4]>,
+    /// Where the triangles of a proxy are; it is kept, so that its address stays its own.
+    proxies: HashMap<usize, (Arc<Proxy>, u32)>,
+    /// By index in Bevy's buffer of mesh inputs: the occludee's slot.
+    pub slot_of_input: GpuTable<u32>,
+}
+
+impl Default for GpuOccludees {
+    fn default() -> Self {
+        Self {
+            occludees: GpuTable::new("skyline_occludees"),
+            triangles: GpuTable::new("skyline_swept_triangles"),
+            proxies: HashMap::default(),
+            slot_of_input: GpuTable::new("skyline_slot_of_input"),
+        }
+    }
+}
+
+impl GpuOccludees {
+    /// Whether it holds nothing yet.
+    pub fn is_empty(&self) -> bool {
+        self.occludees.values.is_empty()
+    }
+
+    /// Puts an occludee in its slot, or nothing.
+    pub fn set(&mut self, slot: u32, of: Option<&Occludee>) {
+        let gpu = of.map_or_else(GpuOccludee::default, |of| {
+            let (first, count) = of.proxy.as_ref().map_or((0, 0), |proxy| self.proxy(proxy));
+            GpuOccludee::new(of, first, count)
+        });
+        self.occludees.set(slot, gpu, GpuOccludee::default());
+    }
+
+    fn proxy(&mut self, proxy: &Arc<Proxy>) -> (u32, u32) {
+        let count = proxy.triangles.len() as u32;
+        let (_, first) = self
+            .proxies
+            .entry(Arc::as_ptr(proxy) as usize)
+            .or_insert_with(|| {
+                let corners = proxy.triangles.iter().flat_map(|t| {
+                    [
+                        t.corners[0].extend(t.radius).to_array(),
+                        t.corners[1].extend(0.0).to_array(),
+                        t.corners[2].extend(0.0).to_array(),
+                    ]
+                });
+                let first = self.triangles.extend(corners);
+                (proxy.clone(), first)
+            });
+        (*first, count)
+    }
+
+    /// Notes which occludee a mesh input is.
+    pub fn note_input(&mut self, input: u32, slot: u32) {
+        self.slot_of_input.set(input, slot, NO_SLOT);
+    }
+
+    /// Uploads what changed.
+    pub fn flush(&mut self, device: &RenderDevice, queue: &RenderQueue) {
+        // Proxies of meshes that are gone are dropped when they have become the larger part.
+        self.occludees.flush(device, queue);
+        self.triangles.flush(device, queue);
+        self.slot_of_input.flush(device, queue);
+    }
+
+    /// Memory held. units: bytes
+    pub fn bytes(&self) -> u64 {
+        self.occludees.bytes() + self.triangles.bytes() + self.slot_of_input.bytes()
+    }
+}
+
+/// What one camera has on the GPU.
+pub struct ViewOcclusion {
+    /// The view, and the camera's matrix.
+    pub view: Buffer,
+    /// Reduced depth, all levels.
+    pub reduced: Buffer,
+    /// Texels of all levels.
+    pub texels: usize,
+    /// A bit each slot: is to be tested.
+    pub to_test: Buffer,
+    /// A bit each slot: was found hidden.
+    pub hidden: Buffer,
+    /// What the late draws need to know of the frame.
+    pub late: Buffer,
+    /// Words of the bit sets.
+    pub words: usize,
+    /// Whether this frame uses it.
+    pub live: bool,
+    /// Whether any slot is to be tested this frame.
+    pub tests: bool,
+    /// The frame as it will come back.
+    pub header: ReducedDepth,
+    pub key: ReduceKey,
+    pub reduce_group: Option<(TextureViewId, BindGroup)>,
+    pub verdict_group: Option<([BufferId; 2], BindGroup)>,
+    staging: Vec<Staging>,
+}
+
+/// What distinguishes one pipeline of `depth_reduce` from another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ReduceKey {
+    pub block: UVec2,
+    pub strided: bool,
+    pub samples: u32,
+}
+
+/// Everything each camera has.
+#[derive(Resource, Default)]
+pub struct OcclusionViews(pub HashMap<MainEntity, ViewOcclusion>);
+
+fn storage(device: &RenderDevice, label: &str, bytes: usize) -> Buffer {
+    device.create_buffer(&BufferDescriptor {
+        label: Some(label),
+        size: (bytes as u64).next_multiple_of(16).max(16),
+        usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    })
+}
+
+impl ViewOcclusion {
+    /// Memory for a camera whose reduced depth has so many texels, and for so many words of slots.
+    pub fn new(device: &RenderDevice, texels: usize, words: usize, key: ReduceKey) -> Self {
+        Self {
+            view: storage(device, "skyline_occlusion_view", size_of::<GpuOcclusionView>()),
+            reduced: storage(device, "skyline_reduced_depth", 4 * texels),
+            texels,
+            to_test: storage(device, "skyline_occlusion_to_test", 4 * words),
+            hidden: storage(device, "skyline_occlusion_hidden", 4 * words),
+            late: storage(device, "skyline_late_draws", 4),
+            words,
+            live: false,
+            tests: false,
+            header: ReducedDepth::default(),
+            key,
+            reduce_group: None,
+            verdict_group: None,
+            staging: Vec::new(),
+        }
+    }
+
+    /// Memory held. units: bytes
+    pub fn bytes(&self) -> u64 {
+        let staging: u64 = self.staging.iter().map(|s| s.buffer.size()).sum();
+        self.view.size() + self.reduced.size() + self.to_test.size() * 2 + 16 + staging
+    }
+
+    /// Sends this frame's reduced depth and verdicts on their way to the camera. Never waits: if all buffers are
+    /// under way, this frame's are not sent.
+    pub fn send(
+        &mut self,
+        device: &RenderDevice,
+        encoder: &mut CommandEncoder,
+        mailbox: &Mailbox,
+        to_test: &Bits,
+        removed: &Bits,
+        frame: u32,
+    ) {
+        let (depth_bytes, words) = (4 * self.texels as u64, to_test.as_words().len());
+        let bytes = depth_bytes + 4 * words as u64;
+        let free = self
+            .staging
+            .iter()
+            .position(|s| !s.busy.load(Ordering::Acquire));
+        let i = match free {
+            Some(i) => i,
+            None if self.staging.len() < MOST_UNDER_WAY => {
+                self.staging.push(Staging::new(device, bytes));
+                self.staging.len() - 1
+            }
+            None => return,
+        };
+        if self.staging[i].buffer.size() < bytes {
+            self.staging[i] = Staging::new(device, bytes);
+        }
+        let Staging { buffer, busy } = &self.staging[i];
+        busy.store(true, Ordering::Release);
+        encoder.copy_buffer_to_buffer(&self.reduced, 0, buffer, 0, depth_bytes);
+        if self.tests && words > 0 {
+            encoder.copy_buffer_to_buffer(&self.hidden, 0, buffer, depth_bytes, 4 * words as u64);
+        }
+        let mut returned = mailbox.blank();
+        let Returned {
+            depth,
+            tested,
+            hidden,
+            removed: was_removed,
+            frame: of_frame,
+        } = &mut returned;
+        depth.clone_header_from(&self.header);
+        tested.clone_from(to_test);
+        was_removed.clone_from(removed);
+        hidden.clear(words * 32);
+        *of_frame = frame;
+        let (tests, texels) = (self.tests, self.texels);
+        let (mailbox, staging, busy) = (mailbox.clone(), buffer.clone(), busy.clone());
+        encoder.map_buffer_on_submit(buffer, MapMode::Read, ..bytes, move |result| {
+            if result.is_ok() {
+                {
+                    let bytes = staging.slice(..).get_mapped_range();
+                    let (depth, bits) = bytes.split_at(4 * texels);
+                    copy_words(&mut returned.depth.texels, depth);
+                    if tests {
+                        copy_words(returned.hidden.words_mut(), &bits[..4 * words]);
+                    }
+                }
+                staging.unmap();
+                mailbox.post(returned);
+            } else {
+                mailbox.recycle(returned);
+            }
+            busy.store(false, Ordering::Release);
+        });
+    }
+}
+
+/// Frames that may be on their way back at once.
+const MOST_UNDER_WAY: usize = 4;
+
+struct Staging {
+    buffer: Buffer,
+    busy: Arc<AtomicBool>,
+}
+
+impl Staging {
+    fn new(device: &RenderDevice, bytes: u64) -> Self {
+        Self {
+            buffer: device.create_buffer(&BufferDescriptor {
+                label: Some("skyline_occlusion_staging"),
+                size: bytes.next_multiple_of(16),
+                usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            }),
+            busy: Arc::default(),
+        }
+    }
+}
+
+/// Replaces `to` by the little-endian words of `bytes`.
+fn copy_words<T: Pod>(to: &mut Vec<T>, bytes: &[u8]) {
+    to.clear();
+    to.resize(bytes.len() / size_of::<T>(), T::zeroed());
+    bytemuck::cast_slice_mut(to).copy_from_slice(bytes);
+}

@@ -1,0 +1,143 @@
+//! What the render world takes over each frame: which occludees changed, and what each camera removed.
+
+use bevy::{
+    diagnostic::FrameCount,
+    prelude::*,
+    render::{Extract, sync_world::RenderEntity},
+};
+
+use crate::occlusion::{
+    CulledEntities, OcclusionCamera, Recheck, Sampling, ZBufferOcclusion,
+    bits::Bits,
+    camera::Mailbox,
+    occludees::{Occludee, Occludees},
+};
+
+use super::buffers::GpuOccludees;
+
+/// Side of the largest block. units: px
+const MOST_BLOCK: u32 = 64;
+
+/// One camera, as this frame's passes need it.
+#[derive(Clone)]
+pub struct ExtractedOcclusionCamera {
+    /// Its entity in the main world.
+    pub main: Entity,
+    /// Its entity in the render world.
+    pub render: Entity,
+    /// Pixels of a texel of level 0. units: px
+    pub block: UVec2,
+    /// Whether one pixel stands for a block, instead of the farthest.
+    pub strided: bool,
+    /// Whether removed entities are tested again.
+    pub rechecks: bool,
+    /// What was removed, with its slot, sorted by entity.
+    pub removed: Vec<(Entity, u32)>,
+    /// Slots that were removed.
+    pub removed_slots: Bits,
+    /// Slots to be tested.
+    pub to_test: Bits,
+    /// Where to leave what comes back.
+    pub mailbox: Mailbox,
+}
+
+/// This frame's work for the passes.
+#[derive(Resource, Default)]
+pub struct ExtractedOcclusion {
+    /// Cameras whose depth is read this frame.
+    pub cameras: Vec<ExtractedOcclusionCamera>,
+    /// Cameras of earlier frames, whose memory is used again.
+    spare: Vec<ExtractedOcclusionCamera>,
+    /// Slots there are.
+    pub slots: usize,
+    /// Slots that changed, with what is in them now.
+    pub changed: Vec<(u32, Option<Occludee>)>,
+    /// Whether any camera asks for culling.
+    pub asked: bool,
+    /// Number of the frame.
+    pub frame: u32,
+}
+
+/// Fills [`ExtractedOcclusion`].
+pub fn extract_occlusion(
+    mut extracted: ResMut<ExtractedOcclusion>,
+    gpu: Res<GpuOccludees>,
+    table: Extract<Res<Occludees>>,
+    frame: Extract<Res<FrameCount>>,
+    cameras: Extract<
+        Query<(
+            Entity,
+            RenderEntity,
+            &Camera,
+            &ZBufferOcclusion,
+            &OcclusionCamera,
+            &CulledEntities,
+        )>,
+    >,
+) {
+    let extracted = &mut *extracted;
+    extracted.spare.append(&mut extracted.cameras);
+    extracted.changed.clear();
+    extracted.asked = !cameras.is_empty();
+    extracted.frame = frame.0;
+    extracted.slots = table.slots();
+    if !extracted.asked {
+        extracted.spare.clear();
+        return;
+    }
+    for (main, render, camera, settings, state, culled) in &cameras {
+        if !camera.is_active || !state.reads {
+            continue;
+        }
+        let mut to = match extracted.spare.pop() {
+            Some(to) => ExtractedOcclusionCamera {
+                main,
+                render,
+                mailbox: state.mailbox.clone(),
+                ..to
+            },
+            None => ExtractedOcclusionCamera {
+                main,
+                render,
+                block: UVec2::ONE,
+                strided: false,
+                rechecks: false,
+                removed: Vec::new(),
+                removed_slots: Bits::default(),
+                to_test: Bits::default(),
+                mailbox: state.mailbox.clone(),
+            },
+        };
+        (to.block, to.strided) = match settings.sampling {
+            Sampling::Conservative { block } => (UVec2::splat(block), false),
+            Sampling::Strided { x, y } => (UVec2::new(x, y), true),
+        };
+        to.block = to.block.clamp(UVec2::ONE, UVec2::splat(MOST_BLOCK));
+        to.rechecks = settings.recheck == Recheck::SameFrame;
+        to.removed.clear();
+        if to.rechecks {
+            to.removed.extend(
+                culled
+                    .occluded
+                    .iter()
+                    .filter_map(|entity| Some((*entity, table.slot(*entity)?))),
+            );
+        }
+        to.removed_slots.clone_from(&state.removed);
+        to.to_test.clone_from(&state.to_test);
+        extracted.cameras.push(to);
+    }
+    // The GPU's table follows the main world's; an empty one, new or lost with its device, is filled anew.
+    if gpu.is_empty() {
+        extracted
+            .changed
+            .extend(table.iter().map(|(slot, of)| (slot, Some(of.clone()))));
+    } else {
+        extracted.changed.extend(
+            table
+                .dirty()
+                .iter()
+                .map(|slot| (*slot, table.get(*slot).cloned())),
+        );
+    }
+}

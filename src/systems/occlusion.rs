@@ -1,0 +1,577 @@
+//! Main-world side of Z-buffer occlusion culling: keeps the table of occludees up to date, predicts, removes,
+//! reports.
+
+use core::{any::TypeId, fmt::Write};
+
+use bevy::{
+    camera::{
+        primitives::Aabb,
+        visibility::{DynamicSkinnedMeshBounds, NoAutoAabb, NoFrustumCulling, VisibleEntities},
+    },
+    diagnostic::{DiagnosticPath, Diagnostics, DiagnosticsStore, FrameCount},
+    ecs::{lifecycle::RemovedComponents, query::QueryData},
+    mesh::{morph::MeshMorphWeights, skinning::SkinnedMesh},
+    platform::time::Instant,
+    prelude::*,
+};
+
+use crate::{
+    effects::{Effect, EffectState, Effects},
+    occlusion::{
+        CulledEntities, NoOcclusionCulling, OccludeeVolume, OcclusionCamera, OcclusionCounts,
+        Recheck, ZBufferOcclusion,
+        groups::NO_GROUP,
+        meshes::OccludeeMeshes,
+        occludees::{Occludee, Occludees},
+        pace::{Frame, Plan},
+        verdict::{Tester, Verdict},
+        volume::LocalBox,
+    },
+    render_graph::occlusion::OcclusionStats,
+};
+
+/// Passes that occlusion culling's GPU time is the sum of.
+const SPANS: [&str; 4] = ["depth_reduce", "occludee_verdicts", "late_draws", "late_opaque"];
+
+/// Candidates in view, over all cameras.
+pub const CANDIDATES: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/candidates");
+/// Entities removed, over all cameras.
+pub const REMOVED: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/removed");
+/// Entities drawn late, over all cameras.
+pub const RESCUED: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/rescued");
+/// Time of testing and removing, over all cameras. units: ms
+pub const CPU_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/cpu_ms");
+
+/// What [`update_occludees`] looks at.
+#[derive(QueryData)]
+pub struct OccludeeQuery {
+    entity: Entity,
+    mesh: &'static Mesh3d,
+    aabb: &'static Aabb,
+    place: &'static GlobalTransform,
+    own_aabb: Has<NoAutoAabb>,
+    skinned: Has<SkinnedMesh>,
+    skin_bounds: Has<DynamicSkinnedMeshBounds>,
+    morphing: Has<MeshMorphWeights>,
+    unbounded: Has<NoFrustumCulling>,
+    left_out: Has<NoOcclusionCulling>,
+}
+
+impl OccludeeQueryItem<'_, '_> {
+    /// Whether something encloses the entity wherever its vertices go: the `Aabb` of a skinned mesh does not
+    /// unless it follows the skin, that of a morphing one does not unless the user gave it, and what must not be
+    /// culled by the frustum has none that can be trusted.
+    fn is_candidate(&self) -> bool {
+        !self.left_out
+            && !self.unbounded
+            && (!self.skinned || self.skin_bounds || self.own_aabb)
+            && (!self.morphing || self.own_aabb)
+    }
+
+    /// Whether the mesh's own volumes enclose the entity, too: not where its vertices are moved, and not where
+    /// the user gave it a bound of its own.
+    fn is_as_its_mesh(&self) -> bool {
+        !self.own_aabb && !self.skinned && !self.morphing
+    }
+
+    fn occludee(&self, meshes: &OccludeeMeshes, volume: OccludeeVolume) -> Occludee {
+        let known = (self.is_as_its_mesh() && volume != OccludeeVolume::Aabb)
+            .then(|| meshes.get(self.mesh.id()))
+            .flatten();
+        let proxies = matches!(volume, OccludeeVolume::Proxy { .. });
+        Occludee {
+            entity: self.entity,
+            mesh: self.mesh.id(),
+            world_from_local: self.place.affine(),
+            volume: known
+                .and_then(|mesh| mesh.obb)
+                .unwrap_or_else(|| LocalBox::from(*self.aabb)),
+            proxy: known
+                .filter(|_| proxies)
+                .and_then(|mesh| mesh.proxy.clone()),
+        }
+    }
+}
+
+/// What makes [`update_occludees`] look at an entity again.
+type OccludeeChanged = Or<(
+    Changed<Mesh3d>,
+    Changed<Aabb>,
+    Changed<ChildOf>,
+    Added<NoOcclusionCulling>,
+    Added<NoAutoAabb>,
+    Added<SkinnedMesh>,
+    Added<MeshMorphWeights>,
+    Added<NoFrustumCulling>,
+)>;
+
+/// Keeps [`Occludees`] as the scene is. While no camera asks for culling the table is empty and this does nothing;
+/// otherwise the work is that of what changed.
+#[expect(clippy::too_many_arguments, reason = "each is a kind of change")]
+pub fn update_occludees(
+    cameras: Query<(&ZBufferOcclusion, &Camera)>,
+    mut table: ResMut<Occludees>,
+    mut meshes: ResMut<OccludeeMeshes>,
+    mut wanted: Local<Option<OccludeeVolume>>,
+    everything: Query<OccludeeQuery>,
+    changed: Query<OccludeeQuery, OccludeeChanged>,
+    moved: Query<(Entity, &GlobalTransform), (With<Mesh3d>, Changed<GlobalTransform>)>,
+    parents: Query<&ChildOf>,
+    children: Query<&Children>,
+    reparented: Query<Entity, (Changed<ChildOf>, Without<Mesh3d>)>,
+    (mut no_parent, mut no_mesh, mut no_aabb): (
+        RemovedComponents<ChildOf>,
+        RemovedComponents<Mesh3d>,
+        RemovedComponents<Aabb>,
+    ),
+    (mut let_in, mut bounded, mut unskinned, mut unmorphed, mut auto_aabb): (
+        RemovedComponents<NoOcclusionCulling>,
+        RemovedComponents<NoFrustumCulling>,
+        RemovedComponents<SkinnedMesh>,
+        RemovedComponents<MeshMorphWeights>,
+        RemovedComponents<NoAutoAabb>,
+    ),
+) {
+    let asked = cameras
+        .iter()
+        .filter(|(_, camera)| camera.is_active)
+        .map(|(settings, _)| settings.volume)
+        .max_by_key(|volume| match volume {
+            OccludeeVolume::Aabb => 0,
+            OccludeeVolume::Obb => 1,
+            OccludeeVolume::Proxy { triangles } => 2 + u64::from(*triangles),
+        });
+    let known = core::mem::replace(&mut *wanted, asked);
+    let Some(volume) = asked else {
+        if known.is_some() {
+            table.forget();
+            meshes.forget();
+        }
+        return;
+    };
+    table.begin();
+    let table = &mut *table;
+    let mut put = |table: &mut Occludees, item: OccludeeQueryItem| {
+        if !item.is_candidate() {
+            table.remove(item.entity);
+            return;
+        }
+        if item.is_as_its_mesh() {
+            meshes.want(item.mesh.id(), volume);
+        }
+        let slot = table.insert(item.occludee(&meshes, volume));
+        table
+            .groups
+            .place(slot, parents.iter_ancestors(item.entity));
+    };
+    if known != asked {
+        for item in &everything {
+            put(table, item);
+        }
+        return;
+    }
+    for entity in no_mesh.read().chain(no_aabb.read()) {
+        table.remove(entity);
+    }
+    for item in &changed {
+        put(table, item);
+    }
+    let again = let_in
+        .read()
+        .chain(bounded.read())
+        .chain(unskinned.read())
+        .chain(unmorphed.read())
+        .chain(auto_aabb.read());
+    for entity in again {
+        if let Ok(item) = everything.get(entity) {
+            put(table, item);
+        }
+    }
+    for entity in reparented.iter().chain(no_parent.read()) {
+        let below = core::iter::once(entity).chain(children.iter_descendants(entity));
+        for entity in below {
+            if let Some(slot) = table.slot(entity) {
+                table.groups.place(slot, parents.iter_ancestors(entity));
+            }
+        }
+    }
+    for (entity, place) in &moved {
+        if let Some(slot) = table.slot(entity) {
+            table.place(slot, place.affine());
+        }
+    }
+    // Volumes that have been built, or that an edit has made void.
+    if !meshes.changed().is_empty() {
+        let of_changed: Vec<Entity> = table
+            .iter()
+            .filter(|(_, occludee)| meshes.changed().contains(&occludee.mesh))
+            .map(|(_, occludee)| occludee.entity)
+            .collect();
+        for item in everything.iter_many(of_changed) {
+            let Occludee { volume, proxy, .. } = item.occludee(&meshes, volume);
+            if let Some(slot) = table.slot(item.entity) {
+                table.reshape(slot, volume, proxy);
+            }
+        }
+    }
+}
+
+/// Takes what the newest depth hides out of each camera's visible entities, in order.
+pub fn cull_occluded(
+    mut table: ResMut<Occludees>,
+    stats: Res<OcclusionStats>,
+    frame: Res<FrameCount>,
+    time: Res<Time<Real>>,
+    paths: Res<OcclusionDiagnosticPaths>,
+    store: Option<Res<DiagnosticsStore>>,
+    mut cameras: Query<(
+        &Camera,
+        &ZBufferOcclusion,
+        &mut OcclusionCamera,
+        &mut VisibleEntities,
+        &mut CulledEntities,
+        &mut OcclusionCounts,
+    )>,
+) {
+    if cameras.is_empty() {
+        return;
+    }
+    let (supported, rechecks) = {
+        let stats = stats.lock();
+        (stats.unsupported.is_none(), stats.no_recheck.is_none())
+    };
+    let table = &mut *table;
+    {
+        let slots = core::mem::take(&mut table.groups);
+        let mut groups = slots;
+        groups.refresh(|slot| table.get(slot));
+        table.groups = groups;
+    }
+    let gpu_ms = store
+        .as_deref()
+        .map_or(0.0, |store| paths.gpu_ms(store).unwrap_or(0.0));
+    for (camera, settings, mut state, mut visible, mut culled, mut counts) in &mut cameras {
+        let began = Instant::now();
+        culled.occluded.clear();
+        let rechecks_here = settings.recheck == Recheck::SameFrame;
+        let works = camera.is_active && supported && (rechecks || !rechecks_here);
+        let plan = match (works, settings.rests) {
+            (false, _) => Plan::Rest,
+            (true, true) => state.pace.plan(),
+            (true, false) => Plan::Work,
+        };
+        let culled = (plan != Plan::Work).then_some(()).map_or_else(
+            || Some(&mut culled.bypass_change_detection().occluded),
+            |()| None,
+        );
+        let list = visible.get_mut(TypeId::of::<Mesh3d>());
+        let judged = cull_camera(settings, &mut state, table, list, plan, culled, &mut counts);
+        counts.age = state
+            .newest
+            .as_ref()
+            .map_or(0, |newest| frame.0.wrapping_sub(newest.frame));
+        counts.cpu_ms = began.elapsed().as_secs_f32() * 1e3;
+        if works && settings.rests {
+            let kept_out = if plan == Plan::Probe {
+                state.hidden.count()
+            } else {
+                (counts.removed as usize).saturating_sub(counts.rescued as usize)
+            };
+            let frame = Frame {
+                frame_ms: time.delta_secs() * 1e3,
+                own_ms: counts.cpu_ms + gpu_ms,
+                in_view: counts.candidates as usize,
+                removed: kept_out,
+                judged,
+            };
+            state.pace.step(&frame);
+        }
+    }
+}
+
+/// One camera's share of [`cull_occluded`]. Removes only if there is a `culled` to note it in. Returns whether a
+/// verdict was there.
+fn cull_camera(
+    settings: &ZBufferOcclusion,
+    state: &mut OcclusionCamera,
+    table: &Occludees,
+    list: &mut Vec<Entity>,
+    plan: Plan,
+    mut culled: Option<&mut Vec<Entity>>,
+    counts: &mut OcclusionCounts,
+) -> bool {
+    let slots = table.slots();
+    *counts = OcclusionCounts {
+        rescued: counts.rescued,
+        ..default()
+    };
+    state.removed.clear(slots);
+    state.to_test.clear(slots);
+    state.reads = plan != Plan::Rest;
+    state.predicts_on_gpu = false;
+    if plan == Plan::Rest {
+        state.hidden.clear(0);
+        counts.rescued = 0;
+        if let Some(old) = state.newest.take() {
+            state.mailbox.recycle(old);
+        }
+        // What is still on its way is not for later.
+        if let Some(late) = state.mailbox.take() {
+            state.mailbox.recycle(late);
+        }
+        return false;
+    }
+    state.hidden.grow(slots);
+    for slot in table.assigned() {
+        state.hidden.remove(*slot);
+    }
+    let fresh = state.mailbox.take();
+    let is_fresh = fresh.is_some();
+    if let Some(fresh) = fresh {
+        // What was removed and then found visible was drawn late, and is drawn early from now on.
+        state.hidden.set_from(&fresh.tested, &fresh.hidden);
+        counts.rescued = fresh.removed.count_without(&fresh.hidden) as u32;
+        if let Some(old) = state.newest.replace(fresh) {
+            state.mailbox.recycle(old);
+        }
+    }
+    let on_gpu = list.len() >= settings.gpu_from;
+    let is_final = settings.recheck == Recheck::Never;
+    let tester = state
+        .newest
+        .as_ref()
+        .filter(|_| is_fresh && !on_gpu)
+        .map(|newest| Tester::new(&newest.depth));
+    let mut descent = Descent {
+        table,
+        tester,
+        groups: &mut state.groups,
+        tested: 0,
+        spared: 0,
+    };
+    descent.begin();
+    if is_final {
+        state.in_view_now.clear(slots);
+    }
+    let mut candidates = 0;
+    list.retain(|entity| {
+        let Some(slot) = table.slot(*entity) else {
+            return true;
+        };
+        candidates += 1;
+        if is_final {
+            state.in_view_now.insert(slot);
+            // Nothing is known of what was out of view.
+            if !state.in_view.contains(slot) {
+                state.hidden.remove(slot);
+            }
+        }
+        if on_gpu {
+            state.to_test.insert(slot);
+        }
+        // The recheck says of what was removed whether it still is hidden.
+        if is_final || !state.hidden.contains(slot) {
+            match descent.verdict(slot) {
+                Some(Verdict::Hidden) => state.hidden.insert(slot),
+                Some(Verdict::Visible | Verdict::Outside) => state.hidden.remove(slot),
+                None => {}
+            }
+        }
+        if !state.hidden.contains(slot) {
+            return true;
+        }
+        let Some(culled) = &mut culled else {
+            return true;
+        };
+        culled.push(*entity);
+        state.removed.insert(slot);
+        if !is_final {
+            state.to_test.insert(slot);
+        }
+        false
+    });
+    if is_final {
+        core::mem::swap(&mut state.in_view, &mut state.in_view_now);
+    }
+    state.predicts_on_gpu = on_gpu;
+    counts.candidates = candidates;
+    counts.removed = culled.map_or(0, |culled| culled.len() as u32);
+    counts.tested = descent.tested;
+    counts.spared = descent.spared;
+    counts.on_gpu = on_gpu;
+    state.newest.is_some()
+}
+
+/// Tests volumes, groups first: what is in a hidden or absent group is not tested.
+struct Descent<'a> {
+    table: &'a Occludees,
+    tester: Option<Tester<'a>>,
+    /// By group: 0 not known yet, else what its verdict is.
+    groups: &'a mut Vec<u8>,
+    tested: u32,
+    spared: u32,
+}
+
+impl Descent<'_> {
+    fn begin(&mut self) {
+        self.groups.clear();
+        if self.tester.is_some() {
+            self.groups.resize(self.table.groups.len(), 0);
+        }
+    }
+
+    /// `None` where nothing new is known.
+    fn verdict(&mut self, slot: u32) -> Option<Verdict> {
+        self.tester.as_ref()?;
+        match self.group(self.table.groups.of(slot)) {
+            Verdict::Visible => {}
+            verdict => {
+                self.spared += 1;
+                return Some(verdict);
+            }
+        }
+        let occludee = self.table.get(slot)?;
+        self.tested += 1;
+        let tester = self.tester.as_ref()?;
+        Some(tester.verdict(
+            &occludee.world_from_local,
+            &occludee.volume,
+            occludee.proxy.as_deref(),
+        ))
+    }
+
+    fn group(&mut self, group: u32) -> Verdict {
+        const KNOWN: [Verdict; 3] = [Verdict::Visible, Verdict::Hidden, Verdict::Outside];
+        if group == NO_GROUP {
+            return Verdict::Visible;
+        }
+        match self.groups[group as usize] {
+            0 => {}
+            known => return KNOWN[known as usize - 1],
+        }
+        let Some(state) = self.table.groups.get(group) else {
+            return Verdict::Visible;
+        };
+        let mut verdict = self.group(state.parent);
+        if verdict == Verdict::Visible
+            && state.spares()
+            && let (Some(bound), Some(tester)) = (state.bound(), &self.tester)
+        {
+            self.tested += 1;
+            verdict = tester.verdict(&bevy::math::Affine3A::IDENTITY, bound, None);
+        }
+        self.groups[group as usize] = 1 + KNOWN.iter().position(|v| *v == verdict).unwrap_or(0) as u8;
+        verdict
+    }
+}
+
+/// A camera whose culling was taken from it shows nothing of it.
+pub fn forget_culled(
+    mut removed: RemovedComponents<ZBufferOcclusion>,
+    mut commands: Commands,
+    cameras: Query<(), Without<ZBufferOcclusion>>,
+) {
+    for camera in removed.read() {
+        if cameras.contains(camera) {
+            commands
+                .entity(camera)
+                .remove::<(OcclusionCamera, CulledEntities, OcclusionCounts)>();
+        }
+    }
+}
+
+/// The diagnostics that the passes' spans appear under, made once.
+#[derive(Resource)]
+pub struct OcclusionDiagnosticPaths([DiagnosticPath; SPANS.len()]);
+
+impl Default for OcclusionDiagnosticPaths {
+    fn default() -> Self {
+        Self(SPANS.map(|span| DiagnosticPath::new(format!("render/{span}/elapsed_gpu"))))
+    }
+}
+
+impl OcclusionDiagnosticPaths {
+    /// Time of the passes on the GPU, where it is measured. units: ms
+    fn gpu_ms(&self, store: &DiagnosticsStore) -> Option<f32> {
+        self.0
+            .iter()
+            .filter_map(|path| store.get(path)?.smoothed())
+            .reduce(|a, b| a + b)
+            .map(|ms| ms as f32)
+    }
+}
+
+/// Writes occlusion culling's entry in [`Effects`] and its diagnostics. Allocates only when the state changes in
+/// kind.
+pub fn report_occlusion(
+    mut effects: ResMut<Effects>,
+    stats: Res<OcclusionStats>,
+    paths: Res<OcclusionDiagnosticPaths>,
+    store: Option<Res<DiagnosticsStore>>,
+    cameras: Query<(&ZBufferOcclusion, &OcclusionCounts, &OcclusionCamera, &Camera)>,
+    mut diagnostics: Diagnostics,
+) {
+    let entry = effects.bypass_change_detection().entry(Effect::ZBufferOcclusion);
+    if cameras.is_empty() {
+        if *entry != EffectState::Dormant {
+            *entry = EffectState::Dormant;
+        }
+        return;
+    }
+    let stats = stats.lock();
+    let no_recheck = stats.no_recheck.as_ref().filter(|_| {
+        cameras
+            .iter()
+            .all(|(settings, ..)| settings.recheck == Recheck::SameFrame)
+    });
+    if let Some(reason) = stats.unsupported.as_ref().or(no_recheck) {
+        if !matches!(entry, EffectState::Unsupported(_)) {
+            *entry = EffectState::Unsupported(reason.clone());
+        }
+        return;
+    }
+    let mut total = OcclusionCounts::default();
+    let (mut cameras_at_work, mut rests) = (0, None);
+    for (settings, counts, state, camera) in &cameras {
+        if !camera.is_active {
+            continue;
+        }
+        if settings.rests && state.pace.plan() != Plan::Work {
+            rests = Some(&state.pace);
+            continue;
+        }
+        cameras_at_work += 1;
+        total.candidates += counts.candidates;
+        total.removed += counts.removed;
+        total.rescued += counts.rescued;
+        total.cpu_ms += counts.cpu_ms;
+    }
+    diagnostics.add_measurement(&CANDIDATES, || f64::from(total.candidates));
+    diagnostics.add_measurement(&REMOVED, || f64::from(total.removed));
+    diagnostics.add_measurement(&RESCUED, || f64::from(total.rescued));
+    diagnostics.add_measurement(&CPU_MS, || f64::from(total.cpu_ms));
+    if cameras_at_work == 0 {
+        let Some(pace) = rests else {
+            entry.idle("no camera that asks for it is active");
+            return;
+        };
+        if !matches!(entry, EffectState::Idle(why) if why.starts_with("it would cost")) {
+            entry.idle(&format!(
+                "it would cost {:.2} ms a frame and save {:.2} ms; it looks again later",
+                pace.own_ms(),
+                pace.saved_ms()
+            ));
+        }
+        return;
+    }
+    let activity = entry.activity();
+    activity.what.clear();
+    let _ = write!(
+        activity.what,
+        "{} of {} candidates removed, {} drawn late",
+        total.removed, total.candidates, total.rescued
+    );
+    activity.cpu_ms = total.cpu_ms;
+    activity.gpu_ms = store.as_deref().and_then(|store| paths.gpu_ms(store));
+    activity.bytes = stats.bytes;
+}
