@@ -18,6 +18,8 @@
 //! flight, moving occluders and occludees, changed lenses and viewports can make a prediction wrong, and then the
 //! recheck pays for it by drawing late; they cannot make the picture wrong.
 
+pub mod depth;
+pub mod verdict;
 pub mod volume;
 
 use bevy::prelude::*;

@@ -22,6 +22,7 @@
 pub mod cascades;
 pub mod extract;
 pub mod height_mips;
+pub mod occludee_verdicts;
 pub mod pipelines;
 mod readback;
 mod shaders;

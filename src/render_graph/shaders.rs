@@ -22,6 +22,7 @@ pub fn embed(app: &mut App) {
     load_shader_library!(app, "../../assets/shaders/light_rays.wgsl");
     load_shader_library!(app, "../../assets/shaders/visibility.wgsl");
     load_shader_library!(app, "../../assets/shaders/terrain_lighting.wgsl");
+    load_shader_library!(app, "../../assets/shaders/occludee.wgsl");
     embedded_asset!(app, "../../assets/shaders/height_mips.wgsl");
     embedded_asset!(app, "../../assets/shaders/subdivide.wgsl");
     embedded_asset!(app, "../../assets/shaders/box_entry.wgsl");
@@ -34,6 +35,7 @@ pub fn embed(app: &mut App) {
     embedded_asset!(app, "../../assets/shaders/shadow_mips.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_cascade_erode.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_cascade.wgsl");
+    embedded_asset!(app, "../../assets/shaders/occludee_verdicts.wgsl");
 }
 
 /// Handles to the entry points.
@@ -79,4 +81,9 @@ impl Shaders {
             ),
         }
     }
+}
+
+/// The one entry point that needs no terrain.
+pub fn occludee_verdicts(assets: &AssetServer) -> Handle<Shader> {
+    load_embedded_asset!(assets, "../../assets/shaders/occludee_verdicts.wgsl")
 }

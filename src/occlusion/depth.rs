@@ -1,0 +1,263 @@
+//! A frame's depth, reduced to one depth a block of pixels and to a pyramid above them.
+//!
+//! Depth is reverse-Z, NDC z/w: 1 on the near plane, 0 infinitely far away and where nothing was drawn. Farthest is
+//! the minimum.
+
+use bevy::prelude::*;
+use bytemuck::{Pod, Zeroable};
+
+use super::Sampling;
+
+/// Most pixels along a side of a viewport. What the tests allow for rounding holds up to here.
+pub const MOST_SIDE_PX: u32 = 16_384;
+
+/// Most levels of a pyramid: enough for [`MOST_SIDE_PX`] in blocks of one pixel.
+pub const MOST_LEVELS: usize = 16;
+
+/// One level of a pyramid.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DepthLevel {
+    /// Columns and rows of texels.
+    pub size: UVec2,
+    /// Index of its first texel; the others follow row by row from the top left.
+    pub first: u32,
+}
+
+/// The depth of one view, reduced, and the camera that made it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReducedDepth {
+    /// Of the camera, at that frame. Any projection to reverse-Z clip space.
+    pub clip_from_world: Mat4,
+    /// Size of the viewport, whole. units: px, range: 1..=[`MOST_SIDE_PX`]
+    pub viewport: Vec2,
+    /// Size of the block of pixels that a texel of level 0 stands for. units: px
+    pub block: UVec2,
+    /// Whether a texel of level 0 is its block's top left pixel alone ([`Sampling::Strided`]) instead of the
+    /// farthest of them all.
+    pub strided: bool,
+    /// As [`layout`] has them.
+    pub levels: Vec<DepthLevel>,
+    /// All levels' texels, level 0 first. Those outside 0..=1 count as infinitely far away.
+    pub texels: Vec<f32>,
+}
+
+/// Why no depth could be reduced.
+#[derive(thiserror::Error, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DepthError {
+    /// The viewport is empty or too large.
+    #[error("a viewport of {0} pixels cannot be reduced: use 1 to {MOST_SIDE_PX} a side")]
+    Viewport(UVec2),
+    /// There is not one depth a pixel.
+    #[error("a viewport of {viewport} pixels needs as many depths, and {count} were given")]
+    Pixels {
+        /// Size of the viewport.
+        viewport: UVec2,
+        /// How many there are.
+        count: usize,
+    },
+}
+
+/// The levels of the pyramid over a viewport: level 0 has a texel a block, blocks at the right and bottom being cut;
+/// every other level has half the columns and rows of the one before, rounded up; the last has one texel.
+pub fn layout(viewport: UVec2, block: UVec2) -> Vec<DepthLevel> {
+    let mut levels = Vec::with_capacity(MOST_LEVELS);
+    let mut size = UVec2::new(
+        viewport.x.div_ceil(block.x.max(1)),
+        viewport.y.div_ceil(block.y.max(1)),
+    )
+    .max(UVec2::ONE);
+    let mut first = 0u32;
+    loop {
+        levels.push(DepthLevel { size, first });
+        if size == UVec2::ONE {
+            return levels;
+        }
+        first = first.saturating_add(size.x.saturating_mul(size.y));
+        size = UVec2::new(size.x.div_ceil(2), size.y.div_ceil(2));
+    }
+}
+
+/// How many texels all levels have together.
+pub fn texel_count(levels: &[DepthLevel]) -> usize {
+    let texels = |level: &DepthLevel| level.size.x as usize * level.size.y as usize;
+    levels.iter().map(texels).sum()
+}
+
+impl Sampling {
+    /// The block of pixels that a texel stands for, settings outside their range drawn into it. units: px
+    pub fn block(self) -> UVec2 {
+        match self {
+            Self::Conservative { block } => UVec2::splat(block),
+            Self::Strided { x, y } => UVec2::new(x, y),
+        }
+        .clamp(UVec2::ONE, UVec2::splat(64))
+    }
+
+    /// Whether one pixel of a block is read instead of all.
+    pub fn is_strided(self) -> bool {
+        matches!(self, Self::Strided { .. })
+    }
+}
+
+impl ReducedDepth {
+    /// Reduces a whole depth buffer, row by row from the top left, as the GPU does. Depths outside 0..=1 and NaN
+    /// count as infinitely far away.
+    ///
+    /// # Errors
+    /// [`DepthError`].
+    pub fn from_pixels(
+        clip_from_world: Mat4,
+        viewport: UVec2,
+        sampling: Sampling,
+        pixels: &[f32],
+    ) -> Result<Self, DepthError> {
+        if viewport.min_element() == 0 || viewport.max_element() > MOST_SIDE_PX {
+            return Err(DepthError::Viewport(viewport));
+        }
+        if pixels.len() != viewport.x as usize * viewport.y as usize {
+            return Err(DepthError::Pixels {
+                viewport,
+                count: pixels.len(),
+            });
+        }
+        let block = sampling.block();
+        let strided = sampling.is_strided();
+        let levels = layout(viewport, block);
+        let mut texels = Vec::with_capacity(texel_count(&levels));
+        let read = if strided { UVec2::ONE } else { block };
+        let base = levels[0].size;
+        for j in 0..base.y {
+            for i in 0..base.x {
+                let corner = UVec2::new(i, j) * block;
+                let end = (corner + read).min(viewport);
+                let mut farthest = 1.0f32;
+                for y in corner.y..end.y {
+                    let row = y as usize * viewport.x as usize;
+                    for &depth in &pixels[row + corner.x as usize..row + end.x as usize] {
+                        let valid = (0.0..=1.0).contains(&depth);
+                        farthest = farthest.min(if valid { depth } else { 0.0 });
+                    }
+                }
+                texels.push(farthest);
+            }
+        }
+        for pair in levels.windows(2) {
+            let (below, above) = (pair[0], pair[1]);
+            for j in 0..above.size.y {
+                for i in 0..above.size.x {
+                    let low = UVec2::new(i, j) * 2;
+                    let high = (low + 1).min(below.size - 1);
+                    let at = |x: u32, y: u32| texels[(below.first + y * below.size.x + x) as usize];
+                    let farthest = at(low.x, low.y)
+                        .min(at(high.x, low.y))
+                        .min(at(low.x, high.y))
+                        .min(at(high.x, high.y));
+                    texels.push(farthest);
+                }
+            }
+        }
+        Ok(Self {
+            clip_from_world,
+            viewport: viewport.as_vec2(),
+            block,
+            strided,
+            levels,
+            texels,
+        })
+    }
+
+    /// Whether sizes, levels and texels fit together, so that something can be tested against them.
+    pub fn is_consistent(&self) -> bool {
+        let viewport = self.viewport.as_uvec2();
+        viewport.as_vec2() == self.viewport
+            && viewport.min_element() > 0
+            && viewport.max_element() <= MOST_SIDE_PX
+            && self.block.min_element() > 0
+            && self.levels == layout(viewport, self.block)
+            && self.texels.len() == texel_count(&self.levels)
+    }
+}
+
+/// All of a [`ReducedDepth`] but its texels. Mirrors `OcclusionView` in `occludee.wgsl`.
+///
+/// Bind it as a storage buffer: it bounds loops, and some drivers compile anew for every value of a uniform that does.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct GpuOcclusionView {
+    /// Column by column.
+    pub clip_from_world: [[f32; 4]; 4],
+    /// units: px
+    pub viewport: [f32; 2],
+    /// units: px
+    pub block: [u32; 2],
+    /// 1 if strided.
+    pub strided: u32,
+    /// How many levels there are; with 0 everything is visible.
+    pub level_count: u32,
+    /// 0.
+    pub pad: [u32; 2],
+    /// First texel, columns, rows, 0.
+    pub level: [[u32; 4]; MOST_LEVELS],
+}
+
+impl GpuOcclusionView {
+    /// Of a view whose depth is reduced on the GPU.
+    ///
+    /// # Limits
+    /// A viewport that is empty or larger than [`MOST_SIDE_PX`] has no levels, and all is visible.
+    pub fn new(clip_from_world: Mat4, viewport: UVec2, sampling: Sampling) -> Self {
+        let fits = viewport.min_element() > 0 && viewport.max_element() <= MOST_SIDE_PX;
+        let levels = if fits {
+            layout(viewport, sampling.block())
+        } else {
+            Vec::new()
+        };
+        Self::with_levels(
+            clip_from_world,
+            viewport.as_vec2(),
+            sampling.block(),
+            sampling.is_strided(),
+            &levels,
+        )
+    }
+
+    fn with_levels(
+        clip_from_world: Mat4,
+        viewport: Vec2,
+        block: UVec2,
+        strided: bool,
+        levels: &[DepthLevel],
+    ) -> Self {
+        let mut level = [[0; 4]; MOST_LEVELS];
+        for (gpu, cpu) in level.iter_mut().zip(levels) {
+            *gpu = [cpu.first, cpu.size.x, cpu.size.y, 0];
+        }
+        Self {
+            clip_from_world: clip_from_world.to_cols_array_2d(),
+            viewport: viewport.to_array(),
+            block: block.max(UVec2::ONE).to_array(),
+            strided: u32::from(strided),
+            level_count: levels.len() as u32,
+            pad: [0; 2],
+            level,
+        }
+    }
+}
+
+impl From<&ReducedDepth> for GpuOcclusionView {
+    /// Without levels if the depth is not [consistent](ReducedDepth::is_consistent): then all is visible.
+    fn from(depth: &ReducedDepth) -> Self {
+        let levels: &[DepthLevel] = if depth.is_consistent() {
+            &depth.levels
+        } else {
+            &[]
+        };
+        Self::with_levels(
+            depth.clip_from_world,
+            depth.viewport,
+            depth.block,
+            depth.strided,
+            levels,
+        )
+    }
+}

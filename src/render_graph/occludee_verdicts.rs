@@ -1,0 +1,133 @@
+//! `occludee_verdicts`: which of a list of occludees a reduced depth hides, found on the GPU.
+//!
+//! # Inputs / outputs
+//! One bind group, [`layout`]: [`GpuOcclusionView`](crate::occlusion::depth::GpuOcclusionView); the texels of its
+//! levels, `f32`; [`GpuSweptTriangle`]s; [`GpuOccludee`]s; and one word an occludee, its
+//! [`Verdict`] as a number. All are storage buffers. As many occludees are
+//! tested as the binding of their list holds, in ⌈n/64⌉ workgroups.
+//!
+//! # Limits
+//! A storage buffer may not be empty: bind at least one swept triangle, used or not. A dispatch has at most 65,535
+//! workgroups a dimension, that is 4,194,240 occludees.
+//!
+//! # Reference
+//! P2, sections 3.2 and 4.3.
+
+use core::ops::Range;
+
+use bevy::{
+    asset::AssetServer,
+    math::Affine3A,
+    prelude::*,
+    render::render_resource::{
+        binding_types::{storage_buffer_read_only_sized, storage_buffer_sized},
+        *,
+    },
+};
+use bytemuck::{Pod, Zeroable};
+
+use super::shaders;
+#[cfg(doc)]
+use crate::occlusion::verdict::Verdict;
+use crate::occlusion::volume::{LocalBox, SweptTriangle};
+
+/// Occludees of a workgroup, as in `occludee_verdicts.wgsl`.
+pub const OCCLUDEES_PER_GROUP: u32 = 64;
+
+/// Mirrors `Occludee` in `occludee_verdicts.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct GpuOccludee {
+    /// Rows of the affine matrix.
+    pub world_from_local: [[f32; 4]; 3],
+    /// The box, in local space.
+    pub centre: [f32; 3],
+    /// Index of its proxy's first triangle.
+    pub first_triangle: u32,
+    /// A half axis.
+    pub axis_0: [f32; 3],
+    /// Triangles of its proxy; 0 if it has none.
+    pub triangle_count: u32,
+    /// A half axis.
+    pub axis_1: [f32; 3],
+    /// 0.
+    pub pad_1: u32,
+    /// A half axis.
+    pub axis_2: [f32; 3],
+    /// 0.
+    pub pad_2: u32,
+}
+
+impl GpuOccludee {
+    /// Of a box, and of the proxy at `triangles` of the list of swept triangles; an empty range is no proxy.
+    pub fn new(world_from_local: &Affine3A, volume: &LocalBox, triangles: Range<u32>) -> Self {
+        let linear = world_from_local.matrix3.transpose();
+        let rows = [linear.x_axis, linear.y_axis, linear.z_axis];
+        let translation = world_from_local.translation.to_array();
+        let mut world_from_local = [[0.0; 4]; 3];
+        for ((out, row), moved) in world_from_local.iter_mut().zip(rows).zip(translation) {
+            *out = [row.x, row.y, row.z, moved];
+        }
+        Self {
+            world_from_local,
+            centre: volume.centre.to_array(),
+            first_triangle: triangles.start,
+            axis_0: volume.axes[0].to_array(),
+            triangle_count: triangles.end.saturating_sub(triangles.start),
+            axis_1: volume.axes[1].to_array(),
+            pad_1: 0,
+            axis_2: volume.axes[2].to_array(),
+            pad_2: 0,
+        }
+    }
+}
+
+/// A [`SweptTriangle`] in `swept_triangles` of `occludee.wgsl`: three corners, the first's fourth number the radius.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct GpuSweptTriangle {
+    /// Corners, and the radius.
+    pub corners: [[f32; 4]; 3],
+}
+
+impl From<&SweptTriangle> for GpuSweptTriangle {
+    fn from(triangle: &SweptTriangle) -> Self {
+        let [a, b, c] = triangle.corners;
+        Self {
+            corners: [
+                a.extend(triangle.radius).to_array(),
+                b.extend(0.0).to_array(),
+                c.extend(0.0).to_array(),
+            ],
+        }
+    }
+}
+
+/// The pass's bind group: view, texels, swept triangles, occludees, verdicts.
+pub fn layout() -> BindGroupLayoutDescriptor {
+    let read = || storage_buffer_read_only_sized(false, None);
+    BindGroupLayoutDescriptor::new(
+        "skyline_occludee_verdicts",
+        &BindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE,
+            (
+                read(),
+                read(),
+                read(),
+                read(),
+                storage_buffer_sized(false, None),
+            ),
+        ),
+    )
+}
+
+/// The pass's pipeline, to be queued in the app's cache.
+pub fn pipeline(assets: &AssetServer) -> ComputePipelineDescriptor {
+    ComputePipelineDescriptor {
+        label: Some("occludee_verdicts".into()),
+        layout: vec![layout()],
+        shader: shaders::occludee_verdicts(assets),
+        entry_point: Some("occludee_verdicts".into()),
+        ..default()
+    }
+}
