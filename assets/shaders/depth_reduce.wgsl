@@ -7,7 +7,7 @@
 //
 // `depth_reduce` makes levels 0 to 3, eight texels square a workgroup; `depth_reduce_rest` the others, in one.
 
-#import bevy_skyline::occludee_types::OcclusionView
+#import bevy_skyline::occludee::OcclusionView
 
 /// Farther than nothing: the neutral element of `min` among depths.
 const NONE: f32 = 2.0;

@@ -12,8 +12,6 @@
 struct LateDraws {
     /// Number of the frame, as in `MeshInput::timestamp`.
     frame: u32,
-    /// Work items there are.
-    work_items: u32,
 };
 
 const NO_SLOT: u32 = 0xffffffffu;

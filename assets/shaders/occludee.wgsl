@@ -16,6 +16,8 @@ struct OcclusionView {
     strided: u32,
     /// 0: everything is visible.
     level_count: u32,
+    /// Top left pixel of the viewport in the depth texture. units: px
+    origin: vec2<u32>,
     /// First texel, columns, rows, 0.
     level: array<vec4<u32>, 16>,
 };

@@ -166,6 +166,39 @@ impl ReducedDepth {
         })
     }
 
+    /// Everything but the texels, of a view whose depth is reduced on the GPU. A viewport that is empty or larger than
+    /// [`MOST_SIDE_PX`] has no levels.
+    pub fn header(clip_from_world: Mat4, viewport: UVec2, sampling: Sampling) -> Self {
+        let fits = viewport.min_element() > 0 && viewport.max_element() <= MOST_SIDE_PX;
+        Self {
+            clip_from_world,
+            viewport: viewport.as_vec2(),
+            block: sampling.block(),
+            strided: sampling.is_strided(),
+            levels: if fits {
+                layout(viewport, sampling.block())
+            } else {
+                Vec::new()
+            },
+            texels: Vec::new(),
+        }
+    }
+
+    /// Takes over everything but the texels, which stay, as memory to be filled.
+    pub fn clone_header_from(&mut self, header: &Self) {
+        let Self {
+            clip_from_world,
+            viewport,
+            block,
+            strided,
+            levels,
+            texels: _,
+        } = header;
+        (self.clip_from_world, self.viewport) = (*clip_from_world, *viewport);
+        (self.block, self.strided) = (*block, *strided);
+        self.levels.clone_from(levels);
+    }
+
     /// Whether sizes, levels and texels fit together, so that something can be tested against them.
     pub fn is_consistent(&self) -> bool {
         let viewport = self.viewport.as_uvec2();
@@ -194,8 +227,8 @@ pub struct GpuOcclusionView {
     pub strided: u32,
     /// How many levels there are; with 0 everything is visible.
     pub level_count: u32,
-    /// 0.
-    pub pad: [u32; 2],
+    /// Top left pixel of the viewport in the depth texture; only the reduction looks at it. units: px
+    pub origin: [u32; 2],
     /// First texel, columns, rows, 0.
     pub level: [[u32; 4]; MOST_LEVELS],
 }
@@ -238,7 +271,7 @@ impl GpuOcclusionView {
             block: block.max(UVec2::ONE).to_array(),
             strided: u32::from(strided),
             level_count: levels.len() as u32,
-            pad: [0; 2],
+            origin: [0; 2],
             level,
         }
     }

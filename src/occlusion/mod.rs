@@ -22,6 +22,7 @@ pub mod depth;
 pub mod verdict;
 pub mod volume;
 
+
 use bevy::prelude::*;
 
 /// On a camera: what its own depth buffer hides is not drawn.

@@ -23,6 +23,7 @@ pub mod cascades;
 pub mod extract;
 pub mod height_mips;
 pub mod occludee_verdicts;
+pub mod occlusion;
 pub mod pipelines;
 mod readback;
 mod shaders;

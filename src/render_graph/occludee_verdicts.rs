@@ -121,6 +121,35 @@ pub fn layout() -> BindGroupLayoutDescriptor {
     )
 }
 
+/// The bind group of the pass over the occludees that a set of bits selects: view, texels, swept triangles,
+/// occludees, bits of those found hidden, bits of those to be tested.
+pub fn selected_layout() -> BindGroupLayoutDescriptor {
+    let read = || storage_buffer_read_only_sized(false, None);
+    BindGroupLayoutDescriptor::new(
+        "skyline_selected_occludee_verdicts",
+        &BindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE,
+            (
+                read(),
+                read(),
+                read(),
+                read(),
+                storage_buffer_sized(false, None),
+                read(),
+            ),
+        ),
+    )
+}
+
+/// The pipeline of the pass over the occludees that a set of bits selects.
+pub fn selected_pipeline(assets: &AssetServer) -> ComputePipelineDescriptor {
+    ComputePipelineDescriptor {
+        layout: vec![selected_layout()],
+        shader_defs: vec!["SELECTED".into()],
+        ..pipeline(assets)
+    }
+}
+
 /// The pass's pipeline, to be queued in the app's cache.
 pub fn pipeline(assets: &AssetServer) -> ComputePipelineDescriptor {
     ComputePipelineDescriptor {

@@ -23,6 +23,8 @@ pub fn embed(app: &mut App) {
     load_shader_library!(app, "../../assets/shaders/visibility.wgsl");
     load_shader_library!(app, "../../assets/shaders/terrain_lighting.wgsl");
     load_shader_library!(app, "../../assets/shaders/occludee.wgsl");
+    embedded_asset!(app, "../../assets/shaders/depth_reduce.wgsl");
+    embedded_asset!(app, "../../assets/shaders/late_draws.wgsl");
     embedded_asset!(app, "../../assets/shaders/height_mips.wgsl");
     embedded_asset!(app, "../../assets/shaders/subdivide.wgsl");
     embedded_asset!(app, "../../assets/shaders/box_entry.wgsl");
@@ -81,6 +83,16 @@ impl Shaders {
             ),
         }
     }
+}
+
+/// `depth_reduce.wgsl`.
+pub fn depth_reduce(assets: &AssetServer) -> Handle<Shader> {
+    load_embedded_asset!(assets, "../../assets/shaders/depth_reduce.wgsl")
+}
+
+/// `late_draws.wgsl`.
+pub fn late_draws(assets: &AssetServer) -> Handle<Shader> {
+    load_embedded_asset!(assets, "../../assets/shaders/late_draws.wgsl")
 }
 
 /// The one entry point that needs no terrain.

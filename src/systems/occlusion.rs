@@ -24,7 +24,7 @@ use crate::{
         meshes::OccludeeMeshes,
         occludees::{Occludee, Occludees},
         pace::{Frame, Plan},
-        verdict::{Tester, Verdict},
+        verdict::{DepthTest, Verdict},
         volume::LocalBox,
     },
     render_graph::occlusion::OcclusionStats,
@@ -341,7 +341,7 @@ fn cull_camera(
         .newest
         .as_ref()
         .filter(|_| is_fresh && !on_gpu)
-        .map(|newest| Tester::new(&newest.depth));
+        .map(|newest| DepthTest::new(&newest.depth));
     let mut descent = Descent {
         table,
         tester,
@@ -405,7 +405,7 @@ fn cull_camera(
 /// Tests volumes, groups first: what is in a hidden or absent group is not tested.
 struct Descent<'a> {
     table: &'a Occludees,
-    tester: Option<Tester<'a>>,
+    tester: Option<DepthTest<'a>>,
     /// By group: 0 not known yet, else what its verdict is.
     groups: &'a mut Vec<u8>,
     tested: u32,

@@ -14,7 +14,7 @@ use bevy::{
         sync_world::MainEntity,
     },
 };
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Pod;
 
 use crate::occlusion::{
     bits::Bits,
@@ -24,42 +24,7 @@ use crate::occlusion::{
     volume::Proxy,
 };
 
-/// One occludee. Mirrors `Occludee` in `occludee_types.wgsl`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct GpuOccludee {
-    /// Rows of the affine transform.
-    pub world_from_local: [[f32; 4]; 3],
-    pub centre: [f32; 3],
-    /// First of its proxy's triangles.
-    pub first_triangle: u32,
-    pub axis_0: [f32; 3],
-    /// Triangles of its proxy; 0 without one.
-    pub triangles: u32,
-    pub axis_1: [f32; 3],
-    pub padding_1: f32,
-    pub axis_2: [f32; 3],
-    pub padding_2: f32,
-}
-
-impl GpuOccludee {
-    fn new(of: &Occludee, first_triangle: u32, triangles: u32) -> Self {
-        let m = of.world_from_local.matrix3;
-        let t = of.world_from_local.translation;
-        let row = |i: usize| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]];
-        Self {
-            world_from_local: [row(0), row(1), row(2)],
-            centre: of.volume.centre.to_array(),
-            first_triangle,
-            axis_0: of.volume.axes[0].to_array(),
-            triangles,
-            axis_1: of.volume.axes[1].to_array(),
-            padding_1: 0.0,
-            axis_2: of.volume.axes[2].to_array(),
-            padding_2: 0.0,
-        }
-    }
-}
+use super::super::occludee_verdicts::{GpuOccludee, GpuSweptTriangle};
 
 /// A growing array of plain values and its copy on the GPU. Only what changed is uploaded.
 pub struct GpuTable<T> {
@@ -139,8 +104,8 @@ impl<T: Pod> GpuTable<T> {
 #[derive(Resource)]
 pub struct GpuOccludees {
     pub occludees: GpuTable<GpuOccludee>,
-    /// Three vectors a triangle, the radius in the first one's `w`.
-    pub triangles: GpuTable<[f32; 4]>,
+    /// Triangles of all proxies.
+    pub triangles: GpuTable<GpuSweptTriangle>,
     /// Where the triangles of a proxy are; it is kept, so that its address stays its own.
     proxies: HashMap<usize, (Arc<Proxy>, u32)>,
     /// By index in Bevy's buffer of mesh inputs: the occludee's slot.
@@ -168,7 +133,7 @@ impl GpuOccludees {
     pub fn set(&mut self, slot: u32, of: Option<&Occludee>) {
         let gpu = of.map_or_else(GpuOccludee::default, |of| {
             let (first, count) = of.proxy.as_ref().map_or((0, 0), |proxy| self.proxy(proxy));
-            GpuOccludee::new(of, first, count)
+            GpuOccludee::new(&of.world_from_local, &of.volume, first..first + count)
         });
         self.occludees.set(slot, gpu, GpuOccludee::default());
     }
@@ -179,14 +144,7 @@ impl GpuOccludees {
             .proxies
             .entry(Arc::as_ptr(proxy) as usize)
             .or_insert_with(|| {
-                let corners = proxy.triangles.iter().flat_map(|t| {
-                    [
-                        t.corners[0].extend(t.radius).to_array(),
-                        t.corners[1].extend(0.0).to_array(),
-                        t.corners[2].extend(0.0).to_array(),
-                    ]
-                });
-                let first = self.triangles.extend(corners);
+                let first = self.triangles.extend(proxy.triangles.iter().map(Into::into));
                 (proxy.clone(), first)
             });
         (*first, count)

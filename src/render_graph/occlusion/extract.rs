@@ -15,9 +15,6 @@ use crate::occlusion::{
 
 use super::buffers::GpuOccludees;
 
-/// Side of the largest block. units: px
-const MOST_BLOCK: u32 = 64;
-
 /// One camera, as this frame's passes need it.
 #[derive(Clone)]
 pub struct ExtractedOcclusionCamera {
@@ -25,10 +22,8 @@ pub struct ExtractedOcclusionCamera {
     pub main: Entity,
     /// Its entity in the render world.
     pub render: Entity,
-    /// Pixels of a texel of level 0. units: px
-    pub block: UVec2,
-    /// Whether one pixel stands for a block, instead of the farthest.
-    pub strided: bool,
+    /// How its depth is read.
+    pub sampling: Sampling,
     /// Whether removed entities are tested again.
     pub rechecks: bool,
     /// What was removed, with its slot, sorted by entity.
@@ -99,8 +94,7 @@ pub fn extract_occlusion(
             None => ExtractedOcclusionCamera {
                 main,
                 render,
-                block: UVec2::ONE,
-                strided: false,
+                sampling: settings.sampling,
                 rechecks: false,
                 removed: Vec::new(),
                 removed_slots: Bits::default(),
@@ -108,11 +102,7 @@ pub fn extract_occlusion(
                 mailbox: state.mailbox.clone(),
             },
         };
-        (to.block, to.strided) = match settings.sampling {
-            Sampling::Conservative { block } => (UVec2::splat(block), false),
-            Sampling::Strided { x, y } => (UVec2::new(x, y), true),
-        };
-        to.block = to.block.clamp(UVec2::ONE, UVec2::splat(MOST_BLOCK));
+        to.sampling = settings.sampling;
         to.rechecks = settings.recheck == Recheck::SameFrame;
         to.removed.clear();
         if to.rechecks {

@@ -1,0 +1,374 @@
+//! What is recorded for each camera: reduce the depth, test what was removed against it, draw what is not hidden.
+
+use bevy::{
+    camera::{MainPassResolutionOverride, Viewport},
+    core_pipeline::{
+        core_3d::{AlphaMask3d, Opaque3d},
+        deferred::{AlphaMask3dDeferred, Opaque3dDeferred},
+        prepass::{
+            AlphaMask3dPrepass, DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass,
+            Opaque3dPrepass, ViewPrepassTextures,
+        },
+    },
+    ecs::query::QueryFilter,
+    pbr::{
+        BuildIndirectParametersBindGroups, PreprocessPipelines,
+        early_prepass_build_indirect_parameters, main_build_indirect_parameters,
+    },
+    prelude::*,
+    render::{
+        batching::gpu_preprocessing::IndirectParametersBuffers,
+        camera::ExtractedCamera,
+        diagnostic::RecordDiagnostics,
+        render_phase::{BinnedPhaseItem, TrackedRenderPass, ViewBinnedRenderPhases},
+        render_resource::*,
+        renderer::{RenderContext, RenderDevice, ViewQuery},
+        sync_world::MainEntity,
+        view::{ExtractedView, ViewDepthTexture, ViewTarget},
+    },
+};
+
+use super::{
+    OcclusionStats,
+    super::occludee_verdicts::OCCLUDEES_PER_GROUP,
+    buffers::OcclusionViews,
+    extract::ExtractedOcclusion,
+    late_view::{draws_late, late_view_of},
+    pipelines::OcclusionPipelines,
+    prepare::LateDrawGroups,
+};
+
+/// Texels of level 0 along a side of `depth_reduce`'s workgroup.
+const REDUCE_TILE: u32 = 8;
+/// Levels that `depth_reduce` makes; `depth_reduce_rest` makes the others.
+const REDUCE_LEVELS: usize = 4;
+
+/// A camera that draws into the depth before its main pass.
+pub type WithPrepass = Or<(
+    With<DepthPrepass>,
+    With<NormalPrepass>,
+    With<MotionVectorPrepass>,
+    With<DeferredPrepass>,
+)>;
+
+/// A camera whose main pass is the first to draw into the depth.
+pub type WithoutPrepass = (
+    Without<DepthPrepass>,
+    Without<NormalPrepass>,
+    Without<MotionVectorPrepass>,
+    Without<DeferredPrepass>,
+);
+
+/// `depth_reduce`, `occludee_verdicts` and `late_draws` of one camera: after the first pass that draws into the
+/// depth, before what is drawn late. Then sends depth and verdicts back.
+#[expect(clippy::too_many_arguments, reason = "three passes that go together")]
+pub fn recheck<F: QueryFilter + 'static>(
+    view: ViewQuery<&ExtractedView, (F, With<ViewDepthTexture>)>,
+    extracted: Res<ExtractedOcclusion>,
+    mut views: ResMut<OcclusionViews>,
+    groups: Res<LateDrawGroups>,
+    pipelines: Res<OcclusionPipelines>,
+    cache: Res<PipelineCache>,
+    stats: Res<OcclusionStats>,
+    device: Res<RenderDevice>,
+    mut ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let Some(camera) = extracted.cameras.iter().find(|c| c.render == entity) else {
+        return;
+    };
+    let Some(of) = views.0.get_mut(&MainEntity::from(camera.main)) else {
+        return;
+    };
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let encoder = ctx.command_encoder();
+    let mut done = stats.lock();
+
+    // Without verdicts nothing is hidden, and all of the late view is drawn.
+    encoder.clear_buffer(&of.hidden, 0, None);
+    let reduced = pipelines.reduce(&cache, of.key).zip(of.reduce_group.as_ref());
+    if let Some(([first, rest], (_, group))) = reduced {
+        let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
+            label: Some("depth_reduce"),
+            timestamp_writes: None,
+        });
+        let span = diagnostics.pass_span(&mut pass, "depth_reduce");
+        let size = of.header.levels.first().map_or(UVec2::ONE, |l| l.size);
+        pass.set_bind_group(0, group, &[]);
+        pass.set_pipeline(first);
+        pass.dispatch_workgroups(size.x.div_ceil(REDUCE_TILE), size.y.div_ceil(REDUCE_TILE), 1);
+        if of.header.levels.len() > REDUCE_LEVELS {
+            pass.set_pipeline(rest);
+            pass.dispatch_workgroups(1, 1, 1);
+        }
+        span.end(&mut pass);
+        drop(pass);
+        done.reduced += 1;
+
+        if let (true, Some(pipeline), Some((_, group))) =
+            (of.tests, pipelines.verdicts(&cache), &of.verdict_group)
+        {
+            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
+                label: Some("occludee_verdicts"),
+                timestamp_writes: None,
+            });
+            let span = diagnostics.pass_span(&mut pass, "occludee_verdicts");
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, group, &[]);
+            let slots = extracted.slots as u32;
+            pass.dispatch_workgroups(slots.div_ceil(OCCLUDEES_PER_GROUP), 1, 1);
+            span.end(&mut pass);
+            drop(pass);
+            done.tested += 1;
+        }
+    }
+    if let (true, Some(pipeline), Some(groups)) = (
+        draws_late(camera),
+        pipelines.late_draws(&cache),
+        groups.0.get(&camera.main),
+    ) {
+        let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
+            label: Some("late_draws"),
+            timestamp_writes: None,
+        });
+        let span = diagnostics.pass_span(&mut pass, "late_draws");
+        pass.set_pipeline(pipeline);
+        for late in groups {
+            pass.set_bind_group(0, &late.group, &[]);
+            pass.dispatch_workgroups(late.instances.div_ceil(64), 1, 1);
+        }
+        span.end(&mut pass);
+        drop(pass);
+        done.late += 1;
+    }
+    if reduced.is_some() {
+        of.send(
+            &device,
+            encoder,
+            &camera.mailbox,
+            &camera.to_test,
+            &camera.removed_slots,
+            extracted.frame,
+        );
+    }
+}
+
+/// Draw commands of the late view's prepass, from what `late_draws` counted.
+pub fn build_late_prepass(
+    _view: ViewQuery<Entity, WithPrepass>,
+    extracted: Res<ExtractedOcclusion>,
+    preprocess: Res<PreprocessPipelines>,
+    groups: Option<Res<BuildIndirectParametersBindGroups>>,
+    cache: Res<PipelineCache>,
+    buffers: Option<Res<IndirectParametersBuffers>>,
+    ctx: RenderContext,
+) {
+    if extracted.cameras.iter().any(draws_late) {
+        early_prepass_build_indirect_parameters(preprocess, groups, cache, buffers, ctx);
+    }
+}
+
+/// Draw commands of the late view's main pass, where the camera has no prepass: Bevy has built its own by then.
+pub fn build_late_main(
+    view: ViewQuery<Entity, Without<bevy::pbr::ShadowView>>,
+    prepasses: Query<(), WithPrepass>,
+    extracted: Res<ExtractedOcclusion>,
+    preprocess: Res<PreprocessPipelines>,
+    groups: Option<Res<BuildIndirectParametersBindGroups>>,
+    cache: Res<PipelineCache>,
+    buffers: Option<Res<IndirectParametersBuffers>>,
+    ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let draws = extracted
+        .cameras
+        .iter()
+        .any(|camera| camera.render == entity && draws_late(camera));
+    if draws && !prepasses.contains(entity) {
+        main_build_indirect_parameters(view, preprocess, groups, cache, buffers, ctx);
+    }
+}
+
+/// Draws a phase of a late view with its camera's bind groups.
+fn draw<'w, P: BinnedPhaseItem>(
+    phases: &ViewBinnedRenderPhases<P>,
+    camera: Entity,
+    pass: &mut TrackedRenderPass<'w>,
+    world: &'w World,
+    view: Entity,
+) {
+    if let Some(phase) = phases.get(&late_view_of(camera))
+        && !phase.is_empty()
+        && let Err(error) = phase.render(pass, world, view)
+    {
+        error_once!("what was hidden could not be drawn late: {error:?}");
+    }
+}
+
+/// The camera of a view if it has something to be drawn late.
+fn late_camera(extracted: &ExtractedOcclusion, view: Entity) -> Option<Entity> {
+    extracted
+        .cameras
+        .iter()
+        .find(|camera| camera.render == view && draws_late(camera))
+        .map(|camera| camera.main)
+}
+
+/// The late view's prepass, after the camera's.
+pub fn late_view_prepass(
+    world: &World,
+    view: ViewQuery<(
+        &ExtractedCamera,
+        &ViewDepthTexture,
+        &ViewPrepassTextures,
+        Has<DeferredPrepass>,
+        Option<&MainPassResolutionOverride>,
+    )>,
+    extracted: Res<ExtractedOcclusion>,
+    opaque: Res<ViewBinnedRenderPhases<Opaque3dPrepass>>,
+    alpha_mask: Res<ViewBinnedRenderPhases<AlphaMask3dPrepass>>,
+    mut ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let Some(main) = late_camera(&extracted, entity) else {
+        return;
+    };
+    let (camera, depth, textures, deferred, resolution) = view.into_inner();
+    if !opaque.contains_key(&late_view_of(main)) {
+        return;
+    }
+    let mut colours = vec![
+        textures.normal.as_ref().map(|t| t.get_attachment()),
+        textures.motion_vectors.as_ref().map(|t| t.get_attachment()),
+        // The deferred attachments, which pipelines of the prepass expect to be there and empty.
+        None,
+        None,
+    ];
+    if colours.iter().all(Option::is_none) {
+        colours.clear();
+    }
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some("late_view_prepass"),
+        color_attachments: &colours,
+        depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
+        ..default()
+    });
+    let span = diagnostics.pass_span(&mut pass, "late_view_prepass");
+    set_viewport(&mut pass, camera, resolution);
+    draw(&opaque, main, &mut pass, world, entity);
+    draw(&alpha_mask, main, &mut pass, world, entity);
+    span.end(&mut pass);
+    drop(pass);
+    // Bevy's copy of the depth was made before this.
+    if !deferred && let Some(copy) = &textures.depth {
+        ctx.command_encoder().copy_texture_to_texture(
+            depth.texture.as_image_copy(),
+            copy.texture.texture.as_image_copy(),
+            textures.size,
+        );
+    }
+}
+
+/// The late view's deferred prepass, after the camera's.
+pub fn late_view_deferred(
+    world: &World,
+    view: ViewQuery<
+        (
+            &ExtractedCamera,
+            &ViewDepthTexture,
+            &ViewPrepassTextures,
+            Option<&MainPassResolutionOverride>,
+        ),
+        With<DeferredPrepass>,
+    >,
+    extracted: Res<ExtractedOcclusion>,
+    opaque: Res<ViewBinnedRenderPhases<Opaque3dDeferred>>,
+    alpha_mask: Res<ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
+    mut ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let Some(main) = late_camera(&extracted, entity) else {
+        return;
+    };
+    let (camera, depth, textures, resolution) = view.into_inner();
+    let colours = [
+        textures.normal.as_ref().map(|t| t.get_attachment()),
+        textures.motion_vectors.as_ref().map(|t| t.get_attachment()),
+        textures.deferred.as_ref().map(|t| t.get_attachment()),
+        textures
+            .deferred_lighting_pass_id
+            .as_ref()
+            .map(|t| t.get_attachment()),
+    ];
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    {
+        let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
+            label: Some("late_view_deferred"),
+            color_attachments: &colours,
+            depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
+            ..default()
+        });
+        let span = diagnostics.pass_span(&mut pass, "late_view_deferred");
+        set_viewport(&mut pass, camera, resolution);
+        draw(&opaque, main, &mut pass, world, entity);
+        draw(&alpha_mask, main, &mut pass, world, entity);
+        span.end(&mut pass);
+    }
+    if let Some(copy) = &textures.depth {
+        ctx.command_encoder().copy_texture_to_texture(
+            depth.texture.as_image_copy(),
+            copy.texture.texture.as_image_copy(),
+            textures.size,
+        );
+    }
+}
+
+/// The late view's opaque and alpha-masked meshes, after the camera's.
+pub fn late_opaque(
+    world: &World,
+    view: ViewQuery<(
+        &ExtractedCamera,
+        &ViewTarget,
+        &ViewDepthTexture,
+        Option<&MainPassResolutionOverride>,
+    )>,
+    extracted: Res<ExtractedOcclusion>,
+    opaque: Res<ViewBinnedRenderPhases<Opaque3d>>,
+    alpha_mask: Res<ViewBinnedRenderPhases<AlphaMask3d>>,
+    mut ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let Some(main) = late_camera(&extracted, entity) else {
+        return;
+    };
+    let (camera, target, depth, resolution) = view.into_inner();
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some("late_opaque"),
+        color_attachments: &[Some(target.get_color_attachment())],
+        depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
+        ..default()
+    });
+    let span = diagnostics.pass_span(&mut pass, "late_opaque");
+    set_viewport(&mut pass, camera, resolution);
+    draw(&opaque, main, &mut pass, world, entity);
+    draw(&alpha_mask, main, &mut pass, world, entity);
+    span.end(&mut pass);
+}
+
+fn set_viewport(
+    pass: &mut TrackedRenderPass,
+    camera: &ExtractedCamera,
+    resolution: Option<&MainPassResolutionOverride>,
+) {
+    if let Some(viewport) =
+        Viewport::from_viewport_and_override(camera.viewport.as_ref(), resolution)
+    {
+        pass.set_camera_viewport(&viewport);
+    }
+}
