@@ -18,6 +18,9 @@
 //! flight, moving occluders and occludees, changed lenses and viewports can make a prediction wrong, and then the
 //! recheck pays for it by drawing late; they cannot make the picture wrong.
 
+pub mod meshes;
+pub mod obb;
+pub mod proxy;
 pub mod volume;
 
 use bevy::prelude::*;
