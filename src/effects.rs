@@ -25,6 +25,8 @@ pub enum Effect {
     Terrain,
     /// Terrain shadow maps (P5b).
     TerrainShadow,
+    /// Z-buffer occlusion culling (P2).
+    ZBufferOcclusion,
 }
 
 /// What an effect is doing.
@@ -71,6 +73,11 @@ impl Effects {
     /// State of terrain shadow maps.
     pub fn terrain_shadow(&self) -> &EffectState {
         self.state(Effect::TerrainShadow)
+    }
+
+    /// State of Z-buffer occlusion culling.
+    pub fn occlusion(&self) -> &EffectState {
+        self.state(Effect::ZBufferOcclusion)
     }
 
     /// Every effect that has reported.

@@ -24,6 +24,7 @@
 //! | [`effects`] | [`Effects`](effects::Effects): what the scene calls for and what it costs |
 //! | [`terrain`] | the height field, its component, its loaders and its CPU queries |
 //! | [`terrain_shadow`] | the shadows it casts: component, lights, what is done when |
+//! | [`occlusion`] | Z-buffer occlusion culling: component, volumes, verdicts, what a game sees of it |
 //! | [`systems`] | main-world systems |
 //! | [`render_graph`] | the passes and their order |
 //! | [`mod@reference`] | `f64` twins that GPU results are compared with |
@@ -50,7 +51,11 @@ pub mod terrain_shadow;
 pub mod prelude {
     pub use crate::{
         effects::{Activity, Effect, EffectState, Effects},
-        plugin::{EffectsPlugin, SkylinePlugins, TerrainPlugin},
+        occlusion::{
+            CullReason, CullSystems, CulledEntities, Culling, NoOcclusionCulling, OccludeeVolume,
+            OcclusionCounts, Recheck, Sampling, ZBufferOcclusion,
+        },
+        plugin::{EffectsPlugin, OcclusionPlugin, SkylinePlugins, TerrainPlugin},
         terrain::{
             HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour,
             TerrainHit, TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,

@@ -5,6 +5,7 @@
 //! | [`EffectsPlugin`] | – | the [`Effects`] resource | – |
 //! | [`TerrainPlugin`] | [`Terrain`](crate::terrain::Terrain), [`TerrainRayCasting`](crate::terrain::TerrainRayCasting) | `report_terrain` in `Last` | see [`render_graph`] |
 //! | the same | [`TerrainShadow`](crate::terrain_shadow::TerrainShadow), [`ExactLight`](crate::terrain_shadow::ExactLight) | `report_terrain_shadow` in `Last` | see [`render_graph::terrain_shadow`] |
+//! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `build_mesh_volumes`, `update_occludees`, `cull_occluded` in `PostUpdate` after `CheckVisibility`; `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
 //!
 //! A feature whose component is nowhere in the scene costs its systems' empty queries and nothing else: no
 //! pipeline, no GPU memory, no pass.
@@ -13,7 +14,8 @@ use bevy::{app::PluginGroupBuilder, prelude::*};
 
 use crate::{
     effects::Effects,
-    render_graph::{self, stats::TerrainStats},
+    occlusion,
+    render_graph::{self, occlusion::OcclusionStats, stats::TerrainStats},
     systems, terrain, terrain_shadow,
 };
 
@@ -23,6 +25,7 @@ use crate::{
 /// |---|---|
 /// | [`EffectsPlugin`] | [`Effects`]: which effects the scene calls for, in words |
 /// | [`TerrainPlugin`] | ray-cast terrain and its shadows |
+/// | [`OcclusionPlugin`] | what the depth buffer hides is not drawn |
 pub struct SkylinePlugins;
 
 impl PluginGroup for SkylinePlugins {
@@ -30,6 +33,7 @@ impl PluginGroup for SkylinePlugins {
         PluginGroupBuilder::start::<Self>()
             .add(EffectsPlugin)
             .add(TerrainPlugin)
+            .add(OcclusionPlugin)
     }
 }
 
@@ -72,5 +76,28 @@ impl Plugin for TerrainPlugin {
 
     fn finish(&self, app: &mut App) {
         render_graph::add_terrain_passes(app);
+    }
+}
+
+/// Z-buffer occlusion culling (P2).
+pub struct OcclusionPlugin;
+
+impl Plugin for OcclusionPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<EffectsPlugin>() {
+            app.add_plugins(EffectsPlugin);
+        }
+        if !app.is_plugin_added::<TerrainPlugin>() {
+            render_graph::embed_shaders(app);
+        }
+        occlusion::register(app);
+        app.init_resource::<OcclusionStats>().add_systems(
+            Last,
+            systems::occlusion::report_occlusion.in_set(ReportSystems),
+        );
+    }
+
+    fn finish(&self, app: &mut App) {
+        render_graph::occlusion::add_occlusion_passes(app);
     }
 }

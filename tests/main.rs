@@ -15,6 +15,12 @@ mod data;
 mod height_field;
 #[path = "it/loader.rs"]
 mod loader;
+#[path = "it/occludee_meshes.rs"]
+mod occludee_meshes;
+#[path = "it/occludee_obb.rs"]
+mod occludee_obb;
+#[path = "it/occludee_proxy.rs"]
+mod occludee_proxy;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]

@@ -18,12 +18,29 @@
 //! flight, moving occluders and occludees, changed lenses and viewports can make a prediction wrong, and then the
 //! recheck pays for it by drawing late; they cannot make the picture wrong.
 
+pub mod bits;
+pub mod camera;
+pub mod culling;
 pub mod depth;
+pub mod groups;
+pub mod meshes;
+pub mod obb;
+pub mod occludees;
+pub mod pace;
+pub mod proxy;
 pub mod verdict;
 pub mod volume;
 
+use bevy::{
+    camera::visibility::VisibilitySystems,
+    diagnostic::{Diagnostic, RegisterDiagnostic},
+    prelude::*,
+};
 
-use bevy::prelude::*;
+pub use camera::{CullReason, CulledEntities, OcclusionCamera, OcclusionCounts};
+pub use culling::Culling;
+
+use crate::systems::occlusion as systems;
 
 /// On a camera: what its own depth buffer hides is not drawn.
 ///
@@ -31,6 +48,7 @@ use bevy::prelude::*;
 /// opaque or alpha-masked material; see [`NoOcclusionCulling`] for how to leave one out.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
+#[require(OcclusionCamera, CulledEntities, OcclusionCounts)]
 pub struct ZBufferOcclusion {
     /// What stands for an object when it is tested.
     pub volume: OccludeeVolume,
@@ -116,3 +134,37 @@ pub enum Recheck {
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct NoOcclusionCulling;
+
+/// What takes entities out of cameras' visible entities; in `PostUpdate`, after Bevy's `CheckVisibility`. Whatever
+/// reads `VisibleEntities` or [`CulledEntities`] runs after it.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct CullSystems;
+
+/// Registers types, resources and main-world systems.
+pub(crate) fn register(app: &mut App) {
+    app.register_type::<ZBufferOcclusion>()
+        .register_type::<NoOcclusionCulling>()
+        .register_type::<CulledEntities>()
+        .register_type::<OcclusionCounts>()
+        .init_resource::<occludees::Occludees>()
+        .init_resource::<meshes::OccludeeMeshes>()
+        .init_resource::<systems::OcclusionDiagnosticPaths>()
+        .add_systems(
+            PostUpdate,
+            (
+                meshes::build_mesh_volumes,
+                systems::update_occludees,
+                systems::cull_occluded,
+                systems::forget_culled,
+            )
+                .chain()
+                .in_set(CullSystems)
+                // Places, bounds and what is in view are this frame's.
+                .after(VisibilitySystems::CheckVisibility)
+                .after(VisibilitySystems::MarkNewlyHiddenEntitiesInvisible),
+        );
+    for path in [systems::CANDIDATES, systems::REMOVED, systems::RESCUED] {
+        app.register_diagnostic(Diagnostic::new(path));
+    }
+    app.register_diagnostic(Diagnostic::new(systems::CPU_MS).with_suffix(" ms"));
+}

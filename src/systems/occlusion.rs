@@ -23,9 +23,9 @@ use crate::{
         groups::NO_GROUP,
         meshes::OccludeeMeshes,
         occludees::{Occludee, Occludees},
+        obb::aligned,
         pace::{Frame, Plan},
         verdict::{DepthTest, Verdict},
-        volume::LocalBox,
     },
     render_graph::occlusion::OcclusionStats,
 };
@@ -85,7 +85,7 @@ impl OccludeeQueryItem<'_, '_> {
             world_from_local: self.place.affine(),
             volume: known
                 .and_then(|mesh| mesh.obb)
-                .unwrap_or_else(|| LocalBox::from(*self.aabb)),
+                .unwrap_or_else(|| aligned(self.aabb.min().into(), self.aabb.max().into())),
             proxy: known
                 .filter(|_| proxies)
                 .and_then(|mesh| mesh.proxy.clone()),
@@ -145,7 +145,7 @@ pub fn update_occludees(
     let Some(volume) = asked else {
         if known.is_some() {
             table.forget();
-            meshes.forget();
+            meshes.clear();
         }
         return;
     };
@@ -236,9 +236,10 @@ pub fn cull_occluded(
     if cameras.is_empty() {
         return;
     }
-    let (supported, rechecks) = {
+    let (supported, rechecks, ready) = {
         let stats = stats.lock();
-        (stats.unsupported.is_none(), stats.no_recheck.is_none())
+        let supported = stats.unsupported.is_none();
+        (supported, stats.no_recheck.is_none(), stats.ready_to_recheck)
     };
     let table = &mut *table;
     {
@@ -260,10 +261,8 @@ pub fn cull_occluded(
             (true, true) => state.pace.plan(),
             (true, false) => Plan::Work,
         };
-        let culled = (plan != Plan::Work).then_some(()).map_or_else(
-            || Some(&mut culled.bypass_change_detection().occluded),
-            |()| None,
-        );
+        let removes = plan == Plan::Work && (ready || !rechecks_here);
+        let culled = removes.then_some(&mut culled.occluded);
         let list = visible.get_mut(TypeId::of::<Mesh3d>());
         let judged = cull_camera(settings, &mut state, table, list, plan, culled, &mut counts);
         counts.age = state

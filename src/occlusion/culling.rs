@@ -1,0 +1,86 @@
+//! What nobody sees, and why: for a game that wants to skip animating or simulating it.
+
+use core::any::TypeId;
+
+use bevy::{
+    camera::visibility::{RenderLayers, VisibleEntities},
+    ecs::system::SystemParam,
+    prelude::*,
+};
+
+use super::camera::{CullReason, CulledEntities};
+
+/// Which meshes are seen by which camera, and why the others are not. Ask in systems that run after
+/// [`CullSystems`](super::CullSystems), or anywhere for the answer of the frame before.
+///
+/// ```
+/// # use bevy::prelude::*;
+/// # use bevy_skyline::prelude::*;
+/// # #[derive(Component)] struct Pedestrian;
+/// fn walk(culling: Culling, mut people: Query<(Entity, &mut Transform), With<Pedestrian>>) {
+///     for (person, mut place) in &mut people {
+///         if culling.is_seen(person) {
+///             place.translation.x += 0.1;
+///         }
+///     }
+/// }
+/// ```
+#[derive(SystemParam)]
+pub struct Culling<'w, 's> {
+    cameras: Query<
+        'w,
+        's,
+        (
+            &'static Camera,
+            &'static VisibleEntities,
+            Option<&'static CulledEntities>,
+            Option<&'static RenderLayers>,
+        ),
+    >,
+    entities: Query<
+        'w,
+        's,
+        (
+            Option<&'static InheritedVisibility>,
+            Option<&'static RenderLayers>,
+        ),
+    >,
+}
+
+impl Culling<'_, '_> {
+    /// Whether an active camera has a mesh among its visible entities.
+    pub fn is_seen(&self, mesh: Entity) -> bool {
+        self.cameras
+            .iter()
+            .any(|(camera, visible, ..)| camera.is_active && is_visible(visible, mesh))
+    }
+
+    /// Why a camera does not see a mesh; `None` if it does, if it is no camera, or if the entity is gone.
+    pub fn reason(&self, camera: Entity, mesh: Entity) -> Option<CullReason> {
+        let (_, visible, culled, layers) = self.cameras.get(camera).ok()?;
+        let (inherited, own_layers) = self.entities.get(mesh).ok()?;
+        if is_visible(visible, mesh) {
+            return None;
+        }
+        if let Some(reason) = culled.and_then(|culled| culled.reason(mesh)) {
+            return Some(reason);
+        }
+        if inherited.is_none_or(|inherited| !inherited.get()) {
+            return Some(CullReason::Hidden);
+        }
+        let [layers, own_layers] = [layers, own_layers].map(|l| l.cloned().unwrap_or_default());
+        Some(if layers.intersects(&own_layers) {
+            CullReason::Frustum
+        } else {
+            CullReason::Layers
+        })
+    }
+}
+
+/// Bevy keeps its lists sorted.
+fn is_visible(visible: &VisibleEntities, mesh: Entity) -> bool {
+    visible
+        .get(TypeId::of::<Mesh3d>())
+        .binary_search(&mesh)
+        .is_ok()
+}
