@@ -21,6 +21,9 @@ mod occludee_meshes;
 mod occludee_obb;
 #[path = "it/occludee_proxy.rs"]
 mod occludee_proxy;
+#[cfg(feature = "cli")]
+#[path = "it/occlusion_app.rs"]
+mod occlusion_app;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]

@@ -96,7 +96,7 @@ impl<T: Pod> GpuTable<T> {
     }
 
     fn bytes(&self) -> u64 {
-        self.buffer.as_ref().map_or(0, Buffer::size)
+        self.buffer.as_ref().map_or(0, |buffer| buffer.size())
     }
 }
 
