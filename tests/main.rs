@@ -15,6 +15,12 @@ mod data;
 mod height_field;
 #[path = "it/loader.rs"]
 mod loader;
+#[cfg(feature = "cli")]
+#[path = "it/occlusion_cases.rs"]
+mod occlusion_cases;
+#[cfg(feature = "cli")]
+#[path = "it/occlusion_twin.rs"]
+mod occlusion_twin;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]
