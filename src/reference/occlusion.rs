@@ -13,9 +13,9 @@
 //! u, Q and s are those of [`occlusion::verdict`](crate::occlusion::verdict), which counts 16u Q for Bevy's vertex
 //! transform and half of 1/256 px for the rasteriser's grid. What is tested has its slack of 64u Q, 24u Q for the
 //! roundings of its own corners, and these two multiplied: its quotients are within
-//! (24 + 64)uQ/w · (1 + 64uQ/(w − 88uQ)), below 100uQ/w as long as w > 256uQ; rounded up to a power of two. Nearer than
-//! that the test may take it for touching the near plane. Pixels and depths likewise: what the test adds, and as much of
-//! its own rounding again as it has in its own count.
+//! (24 + 64)uQ/w · (1 + 64uQ/(w − 88uQ)), below 128uQ/w as long as w > 256uQ. Nearer than that the test may take
+//! it for touching the near plane. Pixels and depths likewise: what the test adds, and half as much for what its own
+//! roundings come to.
 //!
 //! Swept triangles are drawn as they are exactly: their balls' projections are ellipses, found by their quadratics.
 
