@@ -24,6 +24,12 @@ mod occludee_proxy;
 #[cfg(feature = "cli")]
 #[path = "it/occlusion_app.rs"]
 mod occlusion_app;
+#[cfg(feature = "cli")]
+#[path = "it/occlusion_cases.rs"]
+mod occlusion_cases;
+#[cfg(feature = "cli")]
+#[path = "it/occlusion_twin.rs"]
+mod occlusion_twin;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]

@@ -203,9 +203,9 @@ fn is_behind(first: vec2<u32>, last: vec2<u32>, nearest: u32) -> bool {
         if level < top {
             y += x & 1u;
             x ^= 1u;
-        } else if x < last.x >> top {
+        } else if x < (last.x >> top) {
             x += 1u;
-        } else if y < last.y >> top {
+        } else if y < (last.y >> top) {
             x = first.x >> top;
             y += 1u;
         } else {

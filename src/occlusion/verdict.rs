@@ -28,9 +28,9 @@
 //! quotients within max |q| of the corners' own: **(e + |q| e_w) / (w − e_w)** farther, w being the smallest.
 //!
 //! # How far pixels may be off
-//! Half a viewport's side s/2 times 1 + q, with |q| at most 2 (beyond that it is cut off): q 7u, sum, product and margin 6u
-//! each of at most 3, so 16u s; the driver's own divide and viewport transform as much again. **32u s**, and **1/64 px**
-//! for the grid of 1/256 px that rasterisers move corners to.
+//! A pixel is (1 + q) s/2, s being the viewport's side and |q| at most 2: beyond that it is cut off. The quotient is
+//! off by 7u of 2; sum, product and margin by 2u each of 3: 16u s. The driver's own divide and viewport transform
+//! count as much again. **32u s**, and **1/64 px** for the grid of 1/256 px that rasterisers move corners to.
 //!
 //! # How far depths may be off
 //! The quotient here 7u and its product 2u, the driver's 7u, its viewport transform 4u, the interpolation between

@@ -3,6 +3,7 @@
 
 pub mod cell;
 pub mod guard;
+pub mod occlusion;
 mod outcome;
 pub mod ray_cast;
 pub mod surface;

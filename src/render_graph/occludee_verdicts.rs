@@ -3,8 +3,8 @@
 //! # Inputs / outputs
 //! One bind group, [`layout`]: [`GpuOcclusionView`](crate::occlusion::depth::GpuOcclusionView); the texels of its
 //! levels, `f32`; [`GpuSweptTriangle`]s; [`GpuOccludee`]s; and one word an occludee, its
-//! [`Verdict`] as a number. All are storage buffers. As many occludees are
-//! tested as the binding of their list holds, in ⌈n/64⌉ workgroups.
+//! [`Verdict`](crate::occlusion::verdict::Verdict) as a number. All are storage buffers. As many occludees are tested
+//! as the binding of their list holds, in ⌈n/64⌉ workgroups.
 //!
 //! # Limits
 //! A storage buffer may not be empty: bind at least one swept triangle, used or not. A dispatch has at most 65,535
@@ -27,8 +27,6 @@ use bevy::{
 use bytemuck::{Pod, Zeroable};
 
 use super::shaders;
-#[cfg(doc)]
-use crate::occlusion::verdict::Verdict;
 use crate::occlusion::volume::{LocalBox, SweptTriangle};
 
 /// Occludees of a workgroup, as in `occludee_verdicts.wgsl`.
