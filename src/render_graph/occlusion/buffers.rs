@@ -297,7 +297,7 @@ impl ViewOcclusion {
         encoder.map_buffer_on_submit(buffer, MapMode::Read, ..bytes, move |result| {
             if result.is_ok() {
                 {
-                    let bytes = staging.slice(..).get_mapped_range();
+                    let bytes = staging.slice(..bytes).get_mapped_range();
                     let (depth, bits) = bytes.split_at(4 * texels);
                     copy_words(&mut returned.depth.texels, depth);
                     if tests {
