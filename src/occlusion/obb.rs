@@ -5,7 +5,8 @@ use bevy::{camera::primitives::Aabb, math::DVec3, prelude::*};
 
 use crate::occlusion::volume::LocalBox;
 
-/// How often a box may be widened to undo the rounding of its axes to `f32`; more than three times was never seen.
+/// How often a box may be widened to undo the rounding of its axes to `f32`, before it is given up for the
+/// aligned one.
 const WIDENINGS: usize = 16;
 /// How far inside their box the points stay, as a part of its half axes: far above what `f64` arithmetic on
 /// `f32` values can be wrong by.
