@@ -74,8 +74,10 @@ pub(super) fn enclose(
             pieces.extend(halves.map(|half| Piece::nearest(half, depth, &targets, near)));
             continue;
         }
-        squared[piece.target] = Some(piece.squared);
-        paid.push(piece.target);
+        // By rounding, a half may need a little more than what it is the half of, and its target pay again.
+        if squared[piece.target].replace(piece.squared).is_none() {
+            paid.push(piece.target);
+        }
     }
 
     let largest = faces
