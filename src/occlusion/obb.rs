@@ -5,7 +5,8 @@ use bevy::{camera::primitives::Aabb, math::DVec3, prelude::*};
 
 use crate::occlusion::volume::LocalBox;
 
-/// How often a box may be widened to undo the rounding of its axes to `f32`; more than three times was never seen.
+/// How often a box may be widened to undo the rounding of its axes to `f32`, before it is given up for the
+/// aligned one.
 const WIDENINGS: usize = 16;
 /// How far inside their box the points stay, as a part of its half axes: far above what `f64` arithmetic on
 /// `f32` values can be wrong by.
@@ -90,15 +91,10 @@ fn covariance_axes(positions: &[Vec3]) -> [DVec3; 3] {
     let mut covariance = [[0.0; 3]; 3];
     for position in positions {
         let from_mean = (position.as_dvec3() - mean).to_array();
-        for row in 0..3 {
-            for column in row..3 {
-                covariance[row][column] += from_mean[row] * from_mean[column];
+        for (row, x) in covariance.iter_mut().zip(from_mean) {
+            for (cell, y) in row.iter_mut().zip(from_mean) {
+                *cell += x * y;
             }
-        }
-    }
-    for row in 1..3 {
-        for column in 0..row {
-            covariance[row][column] = covariance[column][row];
         }
     }
     eigenvectors(covariance)
@@ -131,12 +127,9 @@ fn eigenvectors(mut m: [[f64; 3]; 3]) -> [DVec3; 3] {
                     sine * row[p] + cosine * row[q],
                 );
             }
-            for column in 0..3 {
-                (m[p][column], m[q][column]) = (
-                    cosine * m[p][column] - sine * m[q][column],
-                    sine * m[p][column] + cosine * m[q][column],
-                );
-            }
+            let (row_p, row_q) = (m[p], m[q]);
+            m[p] = [0, 1, 2].map(|i| cosine * row_p[i] - sine * row_q[i]);
+            m[q] = [0, 1, 2].map(|i| sine * row_p[i] + cosine * row_q[i]);
             (m[p][q], m[q][p]) = (0.0, 0.0);
             (vectors[p], vectors[q]) = (
                 cosine * vectors[p] - sine * vectors[q],

@@ -35,8 +35,9 @@ fn coordinates(of: &LocalBox, point: Vec3) -> Option<[f64; 3]> {
         for other in 0..3 {
             if other != row {
                 let factor = rows[other][column] / rows[row][column];
-                for k in 0..4 {
-                    rows[other][k] -= factor * rows[row][k];
+                let pivot = rows[row];
+                for (cell, pivot) in rows[other].iter_mut().zip(pivot) {
+                    *cell -= factor * pivot;
                 }
                 rows[other][column] = 0.0;
             }

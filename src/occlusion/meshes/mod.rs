@@ -152,7 +152,7 @@ impl OccludeeMeshes {
             || !self.proxies_due.is_empty()
     }
 
-    /// Main memory that it holds. units: bytes
+    /// Main memory that it holds. Asks every mesh: once after a change is enough. units: bytes
     pub fn bytes(&self) -> u64 {
         let slots = self.entries.capacity() * size_of::<(AssetId<Mesh>, Entry)>()
             + (self.boxes_due.capacity() + self.proxies_due.capacity())
@@ -359,7 +359,9 @@ impl Entry {
 ///
 /// # Limits
 /// A mesh whose data is in the render world only (`RenderAssetUsages`) has no volumes unless they were asked for
-/// before it went there. A proxy needs triangles; a mesh of lines or points has a box at most.
+/// before it went there. A proxy needs triangles; a mesh of lines or points has a box at most. Positions and
+/// indices are copied for the task in the run that starts it: of one batch and one proxy a run, but of a mesh of
+/// millions of vertices all at once.
 pub fn build_mesh_volumes(
     mut kept: ResMut<OccludeeMeshes>,
     meshes: Res<Assets<Mesh>>,

@@ -13,15 +13,22 @@ const LEAST_HALVINGS: usize = 20_000;
 /// What distances may be short by: a part of themselves, and a part of the coordinates that they come from.
 const ROUNDING: (f64, f64) = (1e-9, 16.0 * f64::EPSILON);
 
-/// Thickens the triangles until they enclose the faces. Those that enclose nothing the others don't are left out.
+/// Thickens the triangles, and some of the faces themselves while there are fewer than `most`, until they enclose
+/// the faces. Those that enclose nothing the others don't are left out.
+///
 /// `None` if there is no triangle, or if a radius is too large for an `f32`.
-pub(super) fn enclose(faces: &[[DVec3; 3]], triangles: &[[Vec3; 3]]) -> Option<Vec<SweptTriangle>> {
-    let targets: Vec<Target> = triangles.iter().map(Target::new).collect();
+pub(super) fn enclose(
+    faces: &[[DVec3; 3]],
+    triangles: &[[Vec3; 3]],
+    most: usize,
+) -> Option<Vec<SweptTriangle>> {
+    let mut triangles = triangles.to_vec();
+    let mut targets: Vec<Target> = triangles.iter().map(Target::new).collect();
     if targets.is_empty() {
         return None;
     }
     let mut near = 0;
-    let mut pieces: BinaryHeap<Piece> = faces
+    let mut pieces: Vec<Piece> = faces
         .iter()
         .map(|&corners| {
             let piece = Piece::nearest(corners, 0, &targets, near);
@@ -30,6 +37,20 @@ pub(super) fn enclose(faces: &[[DVec3; 3]], triangles: &[[Vec3; 3]]) -> Option<V
         })
         .collect();
 
+    // Where the simplified mesh left the mesh farthest, room that is left goes to a triangle of the mesh itself.
+    while targets.len() < most
+        && let Some(worst) = pieces.iter().max().filter(|worst| worst.squared > 0.0)
+    {
+        let triangle = worst.corners.map(|corner| corner.as_vec3());
+        let target = Target::new(&triangle);
+        for piece in &mut pieces {
+            piece.try_target(targets.len(), &target);
+        }
+        triangles.push(triangle);
+        targets.push(target);
+    }
+
+    let mut pieces = BinaryHeap::from(pieces);
     // The worst first: it pays for its radius, and whatever lies within that radius comes free.
     let mut squared: Vec<Option<f64>> = vec![None; targets.len()];
     let mut paid: Vec<usize> = Vec::new();
@@ -53,8 +74,10 @@ pub(super) fn enclose(faces: &[[DVec3; 3]], triangles: &[[Vec3; 3]]) -> Option<V
             pieces.extend(halves.map(|half| Piece::nearest(half, depth, &targets, near)));
             continue;
         }
-        squared[piece.target] = Some(piece.squared);
-        paid.push(piece.target);
+        // By rounding, a half may need a little more than what it is the half of, and its target pay again.
+        if squared[piece.target].replace(piece.squared).is_none() {
+            paid.push(piece.target);
+        }
     }
 
     let largest = faces
@@ -87,22 +110,29 @@ struct Piece {
 impl Piece {
     /// Tries `near` first: neighbours in a mesh often go to the same target, and the rest is then soon ruled out.
     fn nearest(corners: [DVec3; 3], depth: u8, targets: &[Target], near: usize) -> Self {
-        let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
-        let mut best = (near, targets[near].needs(&corners, f64::INFINITY));
-        for (index, target) in targets.iter().enumerate() {
-            if index == near || target.is_beyond(middle, best.1) {
-                continue;
-            }
-            let squared = target.needs(&corners, best.1);
-            if squared < best.1 {
-                best = (index, squared);
-            }
-        }
-        Self {
+        let mut piece = Self {
             corners,
             depth,
-            target: best.0,
-            squared: best.1,
+            target: near,
+            squared: targets[near].needs(&corners, f64::INFINITY),
+        };
+        for (index, target) in targets.iter().enumerate() {
+            if index != near {
+                piece.try_target(index, target);
+            }
+        }
+        piece
+    }
+
+    /// Goes to this target if it needs less of it.
+    fn try_target(&mut self, index: usize, target: &Target) {
+        let [a, b, c] = self.corners;
+        if target.is_beyond((a + b + c) / 3.0, self.squared) {
+            return;
+        }
+        let squared = target.needs(&self.corners, self.squared);
+        if squared < self.squared {
+            (self.target, self.squared) = (index, squared);
         }
     }
 

@@ -8,6 +8,15 @@
 //! function, so over the given triangle it is largest at one of the three corners; the proxy triangle's radius is
 //! not less than the largest of these. The distance to a corner is measured to a point that lies in the proxy
 //! triangle by construction, so that even a poor choice of that point errs outward.
+//!
+//! # How closely
+//! Mean and largest radius, as parts of the model's diagonal:
+//!
+//! | Model, faces | at most 50 | at most 100 | at most 500 |
+//! |---|---|---|---|
+//! | Stanford bunny, 69,451 | 3.5 %, 11.4 % | 2.0 %, 5.2 % | 0.5 %, 1.3 % |
+//! | Spot, 5,856 | 2.8 %, 5.5 % | 1.6 %, 3.3 % | 0.4 %, 0.8 % |
+//! | Dragon, 20,000 | 4.7 %, 6.2 % | 2.6 %, 10.0 % | 0.7 %, 2.7 % |
 
 mod enclose;
 mod simplify;
@@ -22,6 +31,10 @@ use crate::occlusion::volume::{Proxy, SweptTriangle};
 
 /// No proxy has more triangles, whatever is asked for: work grows with their number times the mesh's.
 pub const MOST_TRIANGLES: u32 = 1024;
+/// So often a proxy is fitted again with the triangles that it has left over.
+const MOST_REFINEMENTS: usize = 3;
+/// Fitting goes on while it brings the surface down to less than this part.
+const WORTHWHILE: f64 = 0.98;
 
 /// Makes the proxy of a triangle list: at most `most_triangles`, and at most [`MOST_TRIANGLES`], thickened
 /// triangles that together enclose every point of every triangle of the mesh, those of no area included.
@@ -29,7 +42,8 @@ pub const MOST_TRIANGLES: u32 = 1024;
 /// `None` if there is no triangle, if `most_triangles` is zero, if the number of indices is no multiple of three,
 /// if one points past the positions, if a position is not finite, or if a radius is too large for an `f32`.
 ///
-/// Takes about a second for 100,000 triangles: for a thread in the background.
+/// Takes a third of a second for 100,000 triangles and a proxy of 100, two seconds for one of 500 (one core, little
+/// optimisation): for a thread in the background.
 ///
 /// # Reference
 /// P2, §4.4, which simplifies by QSlim and draws what comes out as it is.
@@ -44,11 +58,19 @@ pub fn build(positions: &[Vec3], indices: &[u32], most_triangles: u32) -> Option
         .iter()
         .map(|face| face.map(|corner| mesh.positions[corner as usize].as_dvec3()))
         .collect();
-    let triangles = simplify::candidates(&mesh, most)
+    let mut best = simplify::candidates(&mesh, most)
         .iter()
-        .filter_map(|candidate| enclose::enclose(&faces, candidate))
+        .filter_map(|candidate| enclose::enclose(&faces, candidate, most))
         .min_by(|a, b| surface(a).total_cmp(&surface(b)))?;
-    Some(Proxy { triangles })
+    // The room of triangles that were left out goes to where it is needed most.
+    for _ in 0..MOST_REFINEMENTS {
+        let corners: Vec<[Vec3; 3]> = best.iter().map(|swept| swept.corners).collect();
+        match enclose::enclose(&faces, &corners, most) {
+            Some(finer) if surface(&finer) < WORTHWHILE * surface(&best) => best = finer,
+            _ => break,
+        }
+    }
+    Some(Proxy { triangles: best })
 }
 
 /// A mesh whose corners at one place are one vertex, with every face once and no vertex without a face.

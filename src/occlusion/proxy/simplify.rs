@@ -25,7 +25,8 @@ pub(super) fn candidates(mesh: &Welded, most: usize) -> Vec<Vec<[Vec3; 3]>> {
     found
 }
 
-/// By edge collapses to where vertices fit best, and, where these stop short, by clustering.
+/// By edge collapses, vertices moved to where they fit best; where these stop short, also with small parts left
+/// out, and by clustering.
 fn simplified(mesh: &Welded, indices: &[u32], most: usize) -> Vec<Vec<[Vec3; 3]>> {
     let target = 3 * most;
     // In a unit cube, so that no quadric over- or underflows.
@@ -44,8 +45,7 @@ fn simplified(mesh: &Welded, indices: &[u32], most: usize) -> Vec<Vec<[Vec3; 3]>
         .collect();
     let back = |unit: &[f32; 3]| (Vec3::from(*unit).as_dvec3() * size + min).as_vec3();
 
-    let mut found = Vec::new();
-    for options in [SimplifyOptions::None, SimplifyOptions::Prune] {
+    let collapsed = |options| {
         let mut moved = unit.clone();
         let mut kept = indices.to_vec();
         let count = simplify_with_update(
@@ -61,17 +61,21 @@ fn simplified(mesh: &Welded, indices: &[u32], most: usize) -> Vec<Vec<[Vec3; 3]>
             None,
         );
         kept.truncate(count);
-        if count <= target && count > 0 {
-            let moved: Vec<Vec3> = moved.iter().map(back).collect();
-            found.push(corners(&moved, &kept));
-            break;
+        let moved: Vec<Vec3> = moved.iter().map(back).collect();
+        (1..=target)
+            .contains(&count)
+            .then(|| corners(&moved, &kept))
+    };
+    let mut found: Vec<Vec<[Vec3; 3]>> = [SimplifyOptions::None, SimplifyOptions::RegularizeLight]
+        .into_iter()
+        .filter_map(collapsed)
+        .collect();
+    if found.is_empty() {
+        found.extend(collapsed(SimplifyOptions::Prune));
+        if let Ok(vertices) = VertexDataAdapter::new(bytemuck::cast_slice(&unit), 12, 0) {
+            let kept = simplify_sloppy(indices, &vertices, target, 1.0, None);
+            found.push(corners(&mesh.positions, &kept));
         }
-    }
-    if found.is_empty()
-        && let Ok(vertices) = VertexDataAdapter::new(bytemuck::cast_slice(&unit), 12, 0)
-    {
-        let kept = simplify_sloppy(indices, &vertices, target, 1.0, None);
-        found.push(corners(&mesh.positions, &kept));
     }
     found
 }
