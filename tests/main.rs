@@ -15,6 +15,9 @@ mod data;
 mod height_field;
 #[path = "it/loader.rs"]
 mod loader;
+#[cfg(feature = "cli")]
+#[path = "it/occlusion_scenes.rs"]
+mod occlusion_scenes;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]

@@ -21,7 +21,9 @@ use bevy::{
             IndirectParametersIndexed,
         },
         occlusion_culling::OcclusionCulling,
-        render_resource::Buffer,
+        render_resource::{Buffer, TextureUsages},
+        sync_world::RenderEntity,
+        view::ViewDepthTexture,
     },
 };
 
@@ -48,6 +50,15 @@ pub enum Culling {
     Bevy,
     /// That, and what is hidden, by [`ZBufferOcclusion`].
     ZBuffer(ZBufferOcclusion),
+}
+
+/// The depth of every pixel. Reverse-Z, 0 = far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthImage {
+    /// units: px
+    pub size: UVec2,
+    /// Row by row from the top left.
+    pub ndc_depth: Vec<f32>,
 }
 
 /// A scene, its entities, and a camera for each way to cull of which one is on.
@@ -123,6 +134,12 @@ impl SceneStage {
         world
             .entity_mut(bevy)
             .insert((DepthPrepass, OcclusionCulling));
+        for camera in [plain, bevy, zbuffer] {
+            if let Some(mut camera) = world.get_mut::<Camera3d>(camera) {
+                let usages = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC;
+                camera.depth_texture_usages = usages.into();
+            }
+        }
         Ok(Self {
             offline,
             scene,
@@ -211,6 +228,25 @@ impl SceneStage {
     /// [`OfflineError`], where Bevy's counts cannot be read back.
     pub fn drawn(&self) -> Result<usize, OfflineError> {
         drawn(&self.offline, self.camera(), &self.culling)
+    }
+
+    /// The depth of every pixel of the picture last drawn.
+    ///
+    /// # Errors
+    /// [`OfflineError::ReadBack`].
+    pub fn depth(&self) -> Result<DepthImage, OfflineError> {
+        let gone = || OfflineError::ReadBack("the camera has no depth buffer".into());
+        let render = self.offline.app.get_sub_app(RenderApp).ok_or_else(gone)?;
+        let synced = self.offline.app.world().get::<RenderEntity>(self.camera());
+        let depth = synced
+            .and_then(|entity| render.world().get::<ViewDepthTexture>(entity.id()))
+            .ok_or_else(gone)?;
+        let size = UVec2::new(depth.texture.width(), depth.texture.height());
+        let bytes = self.offline.read_texture(&depth.texture, size, 4)?;
+        Ok(DepthImage {
+            size,
+            ndc_depth: bytemuck::pod_collect_to_vec(&bytes),
+        })
     }
 
     /// How many pixels each object shows in the picture last drawn, which must be one of numbers.
