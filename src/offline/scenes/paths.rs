@@ -68,7 +68,9 @@ impl CameraPath {
                 };
                 let frame = frame as f32;
                 let eye = place(frame);
-                let ahead = (place(frame + 8.0) - eye).normalize_or(ahead);
+                let along = (place(frame + 8.0) - eye).normalize_or(ahead);
+                let inward = (centre.with_y(low.y) - eye).normalize_or(ahead);
+                let ahead = (along + inward).normalize_or(ahead);
                 let bank = Quat::from_rotation_z(0.4 * (frame * 0.03).sin());
                 let mut camera = Transform::from_translation(eye).looking_to(ahead, Vec3::Y);
                 camera.rotation *= bank;

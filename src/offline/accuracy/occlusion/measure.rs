@@ -9,7 +9,6 @@ use super::{
 use crate::offline::scenes::{
     CameraPath, Look, Scene, View,
     compare::differing_px,
-    paths::PATHS,
     stage::{Culling, SceneStage},
 };
 
@@ -40,7 +39,7 @@ pub(super) fn measure_scene(
         );
         report.save(&path, &image::DynamicImage::ImageRgba8(picture).into_rgb8())?;
     }
-    for (path, _) in PATHS {
+    for &path in plan.paths() {
         measure_path(&mut stage, path, plan, progress, lines)?;
     }
     Ok(stage.offline.adapter())

@@ -16,7 +16,7 @@ use super::{AccuracyError, Report, Summary, Timing};
 use crate::{
     occlusion::{OccludeeVolume, Recheck, Sampling, ZBufferOcclusion},
     offline::scenes::{
-        Scene,
+        CameraPath, Scene,
         bunnies::{self, Block},
         city::{self, CitySize},
         seabed::seabed,
@@ -25,6 +25,13 @@ use crate::{
 };
 
 pub use cost::CostLine;
+
+const PATHS: [CameraPath; 4] = [
+    CameraPath::Walk,
+    CameraPath::Flight,
+    CameraPath::Spin,
+    CameraPath::Teleport,
+];
 
 /// What scenes to measure on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -81,11 +88,19 @@ impl Plan {
     }
 
     fn rounds(&self) -> usize {
-        if self.quick { 2 } else { 3 }
+        if self.quick { 1 } else { 3 }
+    }
+
+    fn paths(&self) -> &'static [CameraPath] {
+        if self.quick {
+            &[CameraPath::Walk, CameraPath::Teleport]
+        } else {
+            &PATHS
+        }
     }
 
     fn path_frames(&self) -> u32 {
-        if self.quick { 8 } else { 40 }
+        if self.quick { 6 } else { 40 }
     }
 
     /// How many boxes the main-world cost is measured with.
