@@ -303,6 +303,7 @@ fn draw(options: &Options, scene: Scene) -> Result<(), CityError> {
     }
     let target = offline.target(options.size);
     populate(offline.app.world_mut(), scene, Some(&target), options.size);
+    show_overview(offline.app.world_mut(), |_| false);
     for (culling, name) in CULLINGS {
         cull(offline.app.world_mut(), culling);
         offline.app.world_mut().resource_mut::<City>().frame = 0;
@@ -336,6 +337,10 @@ fn draw(options: &Options, scene: Scene) -> Result<(), CityError> {
         {
             println!("  {}", line(city, tally));
         }
+    }
+    show_overview(offline.app.world_mut(), |_| true);
+    for _ in 0..3 {
+        offline.step();
     }
     let path = options.out.clone().unwrap_or_else(|| "city.png".into());
     let picture = image::DynamicImage::ImageRgba8(offline.picture(&target)?).into_rgb8();
@@ -418,10 +423,15 @@ fn choose(world: &mut World) {
         cull(world, culling);
     }
     if above {
-        let mut cameras = world.query_filtered::<&mut Camera, With<Overview>>();
-        for mut camera in cameras.iter_mut(world) {
-            camera.is_active = !camera.is_active;
-        }
+        show_overview(world, |shown| !shown);
+    }
+}
+
+/// Whether the city is shown from above too, as a function of whether it was.
+fn show_overview(world: &mut World, show: impl Fn(bool) -> bool) {
+    let mut cameras = world.query_filtered::<&mut Camera, With<Overview>>();
+    for mut camera in cameras.iter_mut(world) {
+        camera.is_active = show(camera.is_active);
     }
 }
 

@@ -7,6 +7,9 @@ mod allocations;
 #[path = "it/cli.rs"]
 mod cli;
 #[cfg(feature = "cli")]
+#[path = "it/cli_occlusion.rs"]
+mod cli_occlusion;
+#[cfg(feature = "cli")]
 #[path = "it/cli_shadow.rs"]
 mod cli_shadow;
 #[path = "it/data.rs"]

@@ -14,7 +14,7 @@ use bevy_skyline::offline::scenes::Scene;
 
 /// The layer that only the camera from above sees.
 const LAYER: usize = 1;
-/// Objects whose boxes are narrower are not shown. units: m
+/// Objects that are narrower are not shown. units: m
 const LEAST_M: f32 = 3.0;
 /// Side of the square that is shown. units: m
 const SHOWN_M: f32 = 1_100.0;
@@ -47,7 +47,7 @@ pub struct Tally {
 #[derive(Resource)]
 struct Map {
     camera: Entity,
-    /// An object, its quad if it has one, and its state when that was last coloured.
+    /// An object, its twin if it has one, and its state when that was last coloured.
     objects: Vec<(Entity, Option<Entity>, State)>,
     paints: [Handle<StandardMaterial>; 3],
 }
@@ -62,7 +62,7 @@ impl Plugin for OverviewPlugin {
     }
 }
 
-/// A box from above for each object, and the camera that sees them.
+/// A twin of each object in a flat colour, and the camera that sees them.
 pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Entity, size: UVec2) {
     let flat = |world: &mut World, r, g, b| {
         world
@@ -81,7 +81,6 @@ pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Enti
     let floor = flat(world, 0.02, 0.02, 0.03);
     let white = flat(world, 1.0, 1.0, 1.0);
     let mut meshes = world.resource_mut::<Assets<Mesh>>();
-    let cube = meshes.add(Cuboid::from_length(1.0));
     let ground = meshes.add(Plane3d::default().mesh().size(1e5, 1e5));
     let cone = meshes.add(Cone::new(18.0, 60.0));
     let boxes: Vec<Option<Aabb>> = scene.meshes.iter().map(MeshAabb::compute_aabb).collect();
@@ -99,14 +98,13 @@ pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Enti
                     && size.y > 0.1
                     && size.x.min(size.z) * object.transform.scale.x > LEAST_M
             });
-            let quad = shown.map(|aabb| {
-                let mut place = object.transform;
-                place.translation = place.transform_point(aabb.center.into());
-                place.scale *= Vec3::from(2.0 * aabb.half_extents);
-                let parts = (Mesh3d(cube.clone()), MeshMaterial3d(paints[2].clone()));
-                world.spawn((parts, place, layer.clone())).id()
+            let mesh = world.get::<Mesh3d>(entity).filter(|_| shown.is_some());
+            let twin = mesh.cloned().map(|mesh| {
+                let paint = MeshMaterial3d(paints[2].clone());
+                let parts = (mesh, paint, object.transform, layer.clone());
+                world.spawn(parts).id()
             });
-            (entity, quad, State::OutOfView)
+            (entity, twin, State::OutOfView)
         })
         .collect();
     world.spawn((
@@ -182,7 +180,7 @@ fn colour(
     mut tally: ResMut<Tally>,
     cameras: Query<(&VisibleEntities, &Frustum)>,
     bounds: Query<(&Aabb, &GlobalTransform)>,
-    mut quads: Query<&mut MeshMaterial3d<StandardMaterial>>,
+    mut twins: Query<&mut MeshMaterial3d<StandardMaterial>>,
 ) {
     let Ok((visible, frustum)) = cameras.get(map.camera) else {
         return;
@@ -192,7 +190,7 @@ fn colour(
     let Map {
         objects, paints, ..
     } = &mut *map;
-    for (entity, quad, last) in objects {
+    for (entity, twin, last) in objects {
         let state = state_of(*entity, &drawn, frustum, bounds.get(*entity).ok());
         let (count, paint) = match state {
             State::Drawn => (&mut tally.drawn, &paints[0]),
@@ -202,7 +200,7 @@ fn colour(
         *count += 1;
         if state != *last {
             *last = state;
-            if let Some(mut material) = quad.and_then(|quad| quads.get_mut(quad).ok()) {
+            if let Some(mut material) = twin.and_then(|twin| twins.get_mut(twin).ok()) {
                 material.0 = paint.clone();
             }
         }

@@ -143,6 +143,15 @@ fn furnish(
     low.y = 0.0;
     let ground = Ground::new(low.xz(), high.xz(), roofs);
     let ways = ground.ways(OCCLUDERS, 500.0);
+    let centre = 0.5 * (low + high).xz();
+    let inward = |[a, b]: [Vec2; 2]| {
+        if a.distance(centre) < b.distance(centre) {
+            [b, a]
+        } else {
+            [a, b]
+        }
+    };
+    let ways: Vec<[Vec2; 2]> = ways.into_iter().map(inward).collect();
     let street = ways.first().copied().unwrap_or([low.xz(), high.xz()]);
     let cross = ways.get(1).copied().unwrap_or(street);
     let highest = buildings
@@ -164,7 +173,7 @@ fn furnish(
         paints.len() - 1
     };
     let mut faces = Faces::default();
-    let (centre, half) = (0.5 * (low + high).xz(), 0.55 * (high - low).xz());
+    let half = 0.55 * (high - low).xz();
     let corner = |x: f32, z: f32| Vec3::new(x * half.x, 0.0, z * half.y);
     faces.polygon(&[
         corner(-1.0, -1.0),

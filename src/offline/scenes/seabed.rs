@@ -30,9 +30,10 @@ pub fn seabed(quick: bool) -> Scene {
         meshes.push(block_mesh(corner, cells));
     }
     let half = 0.5 * BLOCKS as f32 * BLOCK_M;
-    let over = |x: f32, z: f32, above: f32| Vec3::new(x, height_m(Vec2::new(x, z)) + above, z);
-    let valley = over(120.0, 240.0, 6.0);
-    let slope = over(-260.0, 505.0, 30.0);
+    // Looking across the ridges: from low between two of them, and from just below a crest.
+    let ahead = Vec3::new(10.0, 0.0, -100.0);
+    let valley = Vec3::new(60.0, 110.0, 300.0);
+    let crest = Vec3::new(60.0, 150.0, 280.0);
     let name = if quick { "quick_seabed" } else { "seabed" };
     Scene {
         name: name.into(),
@@ -44,10 +45,13 @@ pub fn seabed(quick: bool) -> Scene {
         objects,
         views: vec![
             View::at("above", Vec3::new(0.0, 1_750.0, 0.0), Vec3::ZERO),
-            View::at("view_1", valley, valley + Vec3::new(40.0, -4.0, -300.0)),
-            View::at("view_2", slope, slope + Vec3::new(30.0, -20.0, -300.0)),
+            View::at("view_1", valley, valley + ahead),
+            View::at("view_2", crest, crest + ahead),
         ],
-        walk: [over(-200.0, 240.0, 20.0), over(200.0, 240.0, 20.0)],
+        walk: [
+            Vec3::new(-200.0, 110.0, 300.0),
+            Vec3::new(200.0, 110.0, 300.0),
+        ],
         bounds: [Vec3::new(-half, -20.0, -half), Vec3::new(half, 190.0, half)],
         stride_m: 0.5,
     }

@@ -6,6 +6,8 @@ use bevy::prelude::*;
 const CELL_M: f32 = 2.0;
 /// Kept free on both sides of a way. units: m
 const CLEARANCE_M: f32 = 5.0;
+/// Nothing farther from all buildings is a street. units: m
+const WIDEST_M: f32 = 22.0;
 /// Directions tried for the longest way.
 const DIRECTIONS: u32 = 90;
 
@@ -116,7 +118,8 @@ impl Ground {
             .then(|| self.distance_m[(cell.y * self.size.x + cell.x) as usize])
     }
 
-    /// The longest straight ways that keep clear of all buildings, each turned from or far from those before it.
+    /// The longest straight ways between buildings, through the city's inner three fifths, each turned from or far
+    /// from those before it.
     ///
     /// None longer than `most_m`; there may be fewer than `count`.
     pub(super) fn ways(&self, count: usize, most_m: f32) -> Vec<[Vec2; 2]> {
@@ -124,12 +127,12 @@ impl Ground {
         let mut ways: Vec<(f32, [Vec2; 2])> = Vec::new();
         let step = (extent.max_element() / 40.0).max(CELL_M);
         let (columns, rows) = ((extent.x / step) as u32, (extent.y / step) as u32);
-        for row in 1..rows {
-            for column in 1..columns {
+        for row in rows / 5..=4 * rows / 5 {
+            for column in columns / 5..=4 * columns / 5 {
                 let start = self.low + Vec2::new(column as f32, row as f32) * step;
                 // The middle of the street that this place lies in.
                 let start = self.climb(start);
-                if self.distance(start).is_none_or(|d| d < CLEARANCE_M) {
+                if !self.is_street(start) {
                     continue;
                 }
                 let best = (0..DIRECTIONS)
@@ -181,11 +184,16 @@ impl Ground {
         at
     }
 
+    fn is_street(&self, at: Vec2) -> bool {
+        self.distance(at)
+            .is_some_and(|distance| (CLEARANCE_M..WIDEST_M).contains(&distance))
+    }
+
     fn go(&self, from: Vec2, ahead: Vec2, most_m: f32) -> Vec2 {
         let mut gone = 0.0;
         while gone < most_m {
             let next = from + ahead * (gone + CELL_M);
-            if self.distance(next).is_none_or(|d| d < CLEARANCE_M) {
+            if !self.is_street(next) {
                 break;
             }
             gone += CELL_M;
