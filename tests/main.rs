@@ -7,6 +7,9 @@ mod allocations;
 #[path = "it/cli.rs"]
 mod cli;
 #[cfg(feature = "cli")]
+#[path = "it/cli_occlusion.rs"]
+mod cli_occlusion;
+#[cfg(feature = "cli")]
 #[path = "it/cli_shadow.rs"]
 mod cli_shadow;
 #[path = "it/data.rs"]
@@ -30,6 +33,9 @@ mod occlusion_cases;
 #[cfg(feature = "cli")]
 #[path = "it/occlusion_twin.rs"]
 mod occlusion_twin;
+#[cfg(feature = "cli")]
+#[path = "it/occlusion_scenes.rs"]
+mod occlusion_scenes;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]

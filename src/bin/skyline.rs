@@ -11,7 +11,7 @@ use bevy::math::{DVec3, UVec2};
 use bevy_skyline::{
     offline::{
         TRAVERSALS,
-        accuracy::{AccuracyError, scene::mountains, shadow, terrain},
+        accuracy::{AccuracyError, occlusion, scene::mountains, shadow, terrain},
         render::{Figures, RenderError, Shot, Sun, render},
         shadow::METHODS,
         shadow_map::{self, MapError, MapFigures, MapLight, MapShot},
@@ -55,6 +55,15 @@ struct AccuracyArgs {
     heightmap: Option<PathBuf>,
     #[command(flatten)]
     scale: HeightMapArgs,
+    /// Triangle mesh (.obj) that occlusion is measured with; else a shape made by code.
+    #[arg(long, value_name = "F.obj")]
+    model: Option<PathBuf>,
+    /// City (.glb, a node and mesh a building) that occlusion is measured in; else one made by code.
+    #[arg(long, value_name = "F.glb")]
+    city: Option<PathBuf>,
+    /// Scenes that occlusion is measured on: city, bunnies, seabed, with commas between; else all.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = scene)]
+    scenes: Vec<occlusion::SceneKind>,
     /// Directory to write to; made if it is not there.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -67,6 +76,8 @@ enum AccuracyEffect {
     Terrain,
     /// Terrain shadow maps (P5b).
     Shadow,
+    /// Occlusion culling (P2).
+    Occlusion,
 }
 
 #[derive(Args)]
@@ -292,7 +303,46 @@ fn run() -> Result<(), CliError> {
     }
 }
 
+fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
+    let field = args.heightmap.is_some()
+        || args.scale.spacing.is_some()
+        || args.scale.height_range.is_some();
+    if field {
+        return Err(CliError::Usage(
+            "--heightmap, --spacing and --height-range are for terrain: occlusion takes --city and --model"
+                .into(),
+        ));
+    }
+    let base = if args.quick {
+        occlusion::Plan::quick()
+    } else {
+        occlusion::Plan::full()
+    };
+    let scenes = if args.scenes.is_empty() {
+        base.scenes.clone()
+    } else {
+        args.scenes.clone()
+    };
+    let plan = occlusion::Plan {
+        scenes,
+        model: args.model.clone(),
+        city: args.city.clone(),
+        ..base
+    };
+    print_json(&occlusion::measure(&plan, &args.out)?);
+    Ok(())
+}
+
 fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
+    if matches!(args.effect, AccuracyEffect::Occlusion) {
+        return run_occlusion(args);
+    }
+    if args.model.is_some() || args.city.is_some() || !args.scenes.is_empty() {
+        return Err(CliError::Usage(
+            "--model, --city and --scenes are for occlusion: terrain and shadow take a --heightmap"
+                .into(),
+        ));
+    }
     let (field, notes, name) = match &args.heightmap {
         Some(path) => {
             let stem = path.file_stem().unwrap_or(path.as_os_str());
@@ -309,7 +359,7 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
             let samples = match args.effect {
                 _ if args.quick => 257,
                 AccuracyEffect::Terrain => 1025,
-                AccuracyEffect::Shadow => 4096,
+                AccuracyEffect::Shadow | AccuracyEffect::Occlusion => 4096,
             };
             let field = mountains(samples).map_err(AccuracyError::from)?;
             (field, Vec::new(), "made_by_code".to_owned())
@@ -332,6 +382,7 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
             };
             shadow::measure(field, &name, &plan, &args.out)?
         }
+        AccuracyEffect::Occlusion => return run_occlusion(args),
     };
     if let Some(path) = &args.heightmap {
         tell(path, notes);
@@ -568,6 +619,14 @@ fn method(text: &str) -> Result<ShadowMethod, String> {
         .find(|(_, name)| *name == text)
         .map(|(method, _)| *method)
         .ok_or_else(|| "expected per-texel, max-mip or sweep".into())
+}
+
+fn scene(text: &str) -> Result<occlusion::SceneKind, String> {
+    occlusion::SCENES
+        .iter()
+        .find(|(_, name)| *name == text)
+        .map(|(kind, _)| *kind)
+        .ok_or_else(|| "expected city, bunnies or seabed".into())
 }
 
 fn number(text: &str) -> Result<f64, String> {

@@ -4,6 +4,7 @@ pub mod accuracy;
 pub mod glyphs;
 pub mod plot;
 pub mod render;
+pub mod scenes;
 pub mod shadow;
 pub mod shadow_map;
 

@@ -2,6 +2,7 @@
 //! show them. `skyline accuracy`.
 
 mod difference;
+pub mod occlusion;
 mod report;
 pub mod scene;
 pub mod shadow;
@@ -30,6 +31,9 @@ pub enum AccuracyError {
     /// The built-in scene could not be made.
     #[error("the built-in height field could not be made: {0}")]
     Field(#[from] crate::terrain::HeightFieldError),
+    /// The scene could not be made.
+    #[error(transparent)]
+    Scene(#[from] super::scenes::SceneError),
 }
 
 impl From<OfflineError> for AccuracyError {
@@ -43,7 +47,7 @@ impl AccuracyError {
     pub fn is_input(&self) -> bool {
         match self {
             Self::Render(error) => error.is_input(),
-            Self::Report(_) | Self::Plot(_) => true,
+            Self::Report(_) | Self::Plot(_) | Self::Scene(_) => true,
             Self::Field(_) => false,
         }
     }

@@ -27,7 +27,7 @@ pub fn mountains(samples: u32) -> Result<HeightField, HeightFieldError> {
 }
 
 /// Octaves of value noise, each half as large and twice as fine as the one before, within ±1.
-fn fractal(at: Vec2, octaves: u32, shape: impl Fn(f32) -> f32) -> f32 {
+pub(in crate::offline) fn fractal(at: Vec2, octaves: u32, shape: impl Fn(f32) -> f32) -> f32 {
     let (mut sum, mut weight, mut scale) = (0.0, 0.5, 1.0);
     for octave in 0..octaves {
         sum += weight * shape(value_noise(at * scale, octave));
@@ -49,7 +49,7 @@ fn value_noise(at: Vec2, seed: u32) -> f32 {
 }
 
 /// A random number within ±1 for each whole point.
-fn lattice(x: i32, y: i32, seed: u32) -> f32 {
+pub(in crate::offline) fn lattice(x: i32, y: i32, seed: u32) -> f32 {
     let mut hash = (x as u32).wrapping_mul(0x9e37_79b1)
         ^ (y as u32).wrapping_mul(0x85eb_ca77)
         ^ seed.wrapping_mul(0xc2b2_ae3d);

@@ -1,0 +1,459 @@
+//! A dense city in which most is hidden, and four ways to leave out what is: none, what is out of view, Bevy's
+//! occlusion culling, ours.
+//!
+//! ```sh
+//! cargo run --all-features --example city
+//! cargo run --all-features --example city -- city.glb
+//! cargo run --all-features --example city -- --headless --out picture.png
+//! ```
+//!
+//! In the window: W, A, S, D, E and Q fly, Shift flies faster, the right mouse button looks around, the wheel sets
+//! the speed; 1 to 4 choose what is left out, V what stands for an object, B how depth is read; O shows from above
+//! what the camera draws (green), what is hidden from it (red) and what is out of its view (grey).
+
+#[path = "common/overview.rs"]
+mod overview;
+
+use core::any::TypeId;
+use std::{
+    num::NonZero,
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+use bevy::{
+    camera::{
+        ClearColorConfig, RenderTarget,
+        visibility::{NoFrustumCulling, VisibleEntities},
+    },
+    camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
+    core_pipeline::prepass::DepthPrepass,
+    diagnostic::{DiagnosticsStore, FrameTimeDiagnosticsPlugin},
+    light::AmbientLight,
+    prelude::*,
+    render::occlusion_culling::OcclusionCulling,
+    time::common_conditions::on_timer,
+    window::PrimaryWindow,
+};
+use bevy_skyline::{
+    occlusion::{OccludeeVolume, Sampling, ZBufferOcclusion},
+    offline::{
+        Offline, OfflineError,
+        scenes::{
+            CameraPath, Look, Scene, SceneError,
+            city::{self, CitySize},
+        },
+    },
+    prelude::*,
+};
+use clap::Parser;
+use overview::{Overview, OverviewPlugin, Tally};
+
+/// Flies through a city in a window, or makes a picture of it.
+#[derive(Parser)]
+#[command(name = "city")]
+struct Options {
+    /// glTF binary with one node and mesh a building; else a city made by code.
+    file: Option<PathBuf>,
+    /// Open no window: walk a few steps in each way to cull, write a picture and print frame times.
+    #[arg(long)]
+    headless: bool,
+    /// The picture to write; implies --headless [default: city.png].
+    #[arg(long, value_name = "P.png")]
+    out: Option<PathBuf>,
+    /// Pixels of the picture or the window.
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
+    size: UVec2,
+    /// Frames to time in each way to cull.
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+}
+
+fn size(text: &str) -> Result<UVec2, String> {
+    let (width, height) = text.split_once('x').ok_or("not of the form 1280x720")?;
+    let side = |text: &str| text.parse::<u32>().ok().filter(|n| *n > 0);
+    let (width, height) = side(width)
+        .zip(side(height))
+        .ok_or("not two whole numbers above 0")?;
+    Ok(UVec2::new(width, height))
+}
+
+/// Why there is nothing to see; says itself in one line.
+#[derive(thiserror::Error, Debug)]
+enum CityError {
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error("there is no display to open a window on: use --headless")]
+    NoDisplay,
+    #[error("a picture of {0}x{1} pixels is larger than this GPU can draw: at most {2} a side")]
+    TooLarge(u32, u32, u32),
+    #[error(transparent)]
+    Offline(#[from] OfflineError),
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        path: PathBuf,
+        source: image::ImageError,
+    },
+}
+
+/// What is left out.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Culling {
+    None,
+    Frustum,
+    Bevy,
+    Ours,
+}
+
+const CULLINGS: [(Culling, &str); 4] = [
+    (Culling::None, "none"),
+    (Culling::Frustum, "frustum"),
+    (Culling::Bevy, "frustum + Bevy's occlusion culling"),
+    (Culling::Ours, "frustum + Z-buffer occlusion"),
+];
+const VOLUMES: [OccludeeVolume; 3] = [
+    OccludeeVolume::Aabb,
+    OccludeeVolume::Obb,
+    OccludeeVolume::Proxy { triangles: 100 },
+];
+const SAMPLINGS: [Sampling; 5] = [
+    Sampling::Conservative { block: 2 },
+    Sampling::Conservative { block: 4 },
+    Sampling::Conservative { block: 8 },
+    Sampling::Conservative { block: 16 },
+    Sampling::Strided { x: 5, y: 4 },
+];
+
+/// The city and how it is culled.
+#[derive(Resource)]
+struct City {
+    scene: Scene,
+    entities: Vec<Entity>,
+    camera: Entity,
+    culling: Culling,
+    settings: ZBufferOcclusion,
+    /// Frames shown so far, which everything that moves follows.
+    frame: u32,
+}
+
+fn main() -> AppExit {
+    let options = Options::parse();
+    run(&options).unwrap_or_else(|error| {
+        eprintln!("city: {error}");
+        // 2: other input would have helped; 1: another machine would.
+        let code = if matches!(error, CityError::Offline(_)) {
+            1
+        } else {
+            2
+        };
+        NonZero::new(code).map_or(AppExit::error(), AppExit::Error)
+    })
+}
+
+fn run(options: &Options) -> Result<AppExit, CityError> {
+    let headless = options.headless || options.out.is_some();
+    if !headless && !has_display() {
+        return Err(CityError::NoDisplay);
+    }
+    let real = Path::new("../shared/data/city/manhattan_midtown.glb");
+    let scene = match &options.file {
+        Some(path) => city::from_file(path)?,
+        None if real.exists() => city::from_file(real)?,
+        None => city::generated(CitySize::Full),
+    };
+    println!(
+        "{}: {} objects, {} triangles",
+        scene.name,
+        scene.objects.len(),
+        scene.triangles()
+    );
+    if headless {
+        draw(options, scene)?;
+        return Ok(AppExit::Success);
+    }
+    Ok(fly(options, scene))
+}
+
+/// Whether there is something to open a window on. Bevy panics where there is not.
+fn has_display() -> bool {
+    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    !cfg!(target_os = "linux") || set("DISPLAY")
+}
+
+/// Fills an empty world; without a target the window is drawn to.
+fn populate(world: &mut World, scene: Scene, target: Option<&Handle<Image>>, size: UVec2) {
+    let entities = scene.spawn(world, Look::Shaded);
+    let haze = Color::linear_rgb(0.55, 0.68, 0.85);
+    let camera = world
+        .spawn((
+            Camera3d::default(),
+            Camera {
+                clear_color: ClearColorConfig::Custom(haze),
+                ..default()
+            },
+            Projection::Perspective(scene.projection()),
+            Msaa::Off,
+            scene.view("street"),
+            AmbientLight {
+                brightness: 900.0,
+                ..default()
+            },
+            FreeCamera {
+                walk_speed: 20.0,
+                run_speed: 150.0,
+                friction: 8.0,
+                ..default()
+            },
+        ))
+        .id();
+    overview::spawn(world, &scene, &entities, camera, size);
+    if let Some(target) = target {
+        let mut cameras = world.query_filtered::<Entity, With<Camera3d>>();
+        let cameras: Vec<Entity> = cameras.iter(world).collect();
+        for camera in cameras {
+            world
+                .entity_mut(camera)
+                .insert(RenderTarget::Image(target.clone().into()));
+        }
+    }
+    world.insert_resource(City {
+        scene,
+        entities,
+        camera,
+        culling: Culling::Frustum,
+        settings: ZBufferOcclusion::default(),
+        frame: 0,
+    });
+    cull(world, Culling::Ours);
+}
+
+/// Leaves out what is asked for from the next frame on.
+fn cull(world: &mut World, culling: Culling) {
+    world.resource_scope(|world, mut city: Mut<City>| {
+        let none = culling == Culling::None;
+        if none != (city.culling == Culling::None) {
+            for &entity in &city.entities {
+                let mut entity = world.entity_mut(entity);
+                if none {
+                    entity.insert(NoFrustumCulling);
+                } else {
+                    entity.remove::<NoFrustumCulling>();
+                }
+            }
+        }
+        city.culling = culling;
+        let mut camera = world.entity_mut(city.camera);
+        camera.remove::<(OcclusionCulling, DepthPrepass, ZBufferOcclusion)>();
+        match culling {
+            Culling::None | Culling::Frustum => {}
+            Culling::Bevy => {
+                camera.insert((DepthPrepass, OcclusionCulling));
+            }
+            Culling::Ours => {
+                camera.insert(city.settings.clone());
+            }
+        }
+    });
+}
+
+/// What moves follows the frames.
+fn drive(world: &mut World) {
+    world.resource_scope(|world, mut city: Mut<City>| {
+        city.frame = city.frame.wrapping_add(1);
+        city.scene.place(world, &city.entities, city.frame);
+    });
+}
+
+/// Objects that the camera's list holds: what Bevy's culling leaves out of it, only the GPU knows.
+fn in_list(visible: &VisibleEntities) -> &[Entity] {
+    visible.get(TypeId::of::<Mesh3d>())
+}
+
+/// A line of what is drawn and why not the rest.
+fn line(city: &City, tally: &Tally) -> String {
+    let name = CULLINGS
+        .iter()
+        .find(|(culling, _)| *culling == city.culling)
+        .map_or("", |(_, name)| name);
+    let settings = match city.culling {
+        Culling::Ours => format!(
+            " ({:?}, {:?})",
+            city.settings.volume, city.settings.sampling
+        ),
+        Culling::Bevy => " (what it removes only the GPU knows)".into(),
+        _ => String::new(),
+    };
+    format!(
+        "{name}{settings}: {} drawn, {} hidden, {} out of view of {}",
+        tally.drawn,
+        tally.hidden,
+        tally.out_of_view,
+        city.entities.len()
+    )
+}
+
+/// A few steps through the streets in each way to cull, and a picture of the last.
+fn draw(options: &Options, scene: Scene) -> Result<(), CityError> {
+    let mut offline = Offline::with(|app| {
+        app.add_plugins(OverviewPlugin).add_systems(Update, drive);
+    })?;
+    let limit = offline.max_image_side();
+    if options.size.max_element() > limit {
+        return Err(CityError::TooLarge(options.size.x, options.size.y, limit));
+    }
+    let target = offline.target(options.size);
+    populate(offline.app.world_mut(), scene, Some(&target), options.size);
+    show_overview(offline.app.world_mut(), |_| false);
+    for (culling, name) in CULLINGS {
+        cull(offline.app.world_mut(), culling);
+        offline.app.world_mut().resource_mut::<City>().frame = 0;
+        let mut times_ms = Vec::new();
+        // Some frames until the change has reached everything.
+        for frame in 0..options.frames + 4 {
+            let world = offline.app.world_mut();
+            world.resource_scope(|world, city: Mut<City>| {
+                let place = CameraPath::Walk.at(&city.scene, frame);
+                world.entity_mut(city.camera).insert(place);
+            });
+            let start = Instant::now();
+            offline.step();
+            if frame >= 4 {
+                times_ms.push(start.elapsed().as_secs_f64() * 1e3);
+            }
+        }
+        times_ms.sort_by(f64::total_cmp);
+        println!(
+            "{name}: median {:.1} ms, min {:.1} ms, max {:.1} ms ({} frames of {}x{})",
+            times_ms[times_ms.len() / 2],
+            times_ms[0],
+            times_ms[times_ms.len() - 1],
+            times_ms.len(),
+            options.size.x,
+            options.size.y
+        );
+        let world = offline.app.world();
+        if let (Some(city), Some(tally)) =
+            (world.get_resource::<City>(), world.get_resource::<Tally>())
+        {
+            println!("  {}", line(city, tally));
+        }
+    }
+    show_overview(offline.app.world_mut(), |_| true);
+    for _ in 0..3 {
+        offline.step();
+    }
+    let path = options.out.clone().unwrap_or_else(|| "city.png".into());
+    let picture = image::DynamicImage::ImageRgba8(offline.picture(&target)?).into_rgb8();
+    picture
+        .save_with_format(&path, image::ImageFormat::Png)
+        .map_err(|source| CityError::Write {
+            path: path.clone(),
+            source,
+        })?;
+    let path = std::path::absolute(&path).unwrap_or(path);
+    println!("{}", path.display());
+    println!("adapter: {}", offline.adapter());
+    Ok(())
+}
+
+/// The city before the window's world is there.
+#[derive(Resource)]
+struct Start(Scene, UVec2);
+
+/// A window with a flying camera.
+fn fly(options: &Options, scene: Scene) -> AppExit {
+    let window = Window {
+        title: "Skyline".into(),
+        resolution: (options.size.x, options.size.y).into(),
+        ..default()
+    };
+    App::new()
+        .add_plugins((
+            DefaultPlugins.set(WindowPlugin {
+                primary_window: Some(window),
+                ..default()
+            }),
+            SkylinePlugins,
+            FreeCameraPlugin,
+            FrameTimeDiagnosticsPlugin::default(),
+            OverviewPlugin,
+        ))
+        .insert_resource(Start(scene, options.size))
+        .add_systems(Startup, start)
+        .add_systems(
+            Update,
+            (
+                drive.run_if(resource_exists::<City>),
+                choose.run_if(resource_exists::<City>),
+                report.run_if(on_timer(Duration::from_secs(1))),
+            ),
+        )
+        .run()
+}
+
+fn start(world: &mut World) {
+    if let Some(Start(scene, size)) = world.remove_resource() {
+        info!("1 none, 2 frustum, 3 Bevy's, 4 ours; V the volume, B the sampling, O the overview");
+        populate(world, scene, None, size);
+    }
+}
+
+fn choose(world: &mut World) {
+    let keys = world.resource::<ButtonInput<KeyCode>>();
+    let digits = [
+        KeyCode::Digit1,
+        KeyCode::Digit2,
+        KeyCode::Digit3,
+        KeyCode::Digit4,
+    ];
+    let digit = digits.iter().position(|key| keys.just_pressed(*key));
+    let [volume, sampling, above] =
+        [KeyCode::KeyV, KeyCode::KeyB, KeyCode::KeyO].map(|key| keys.just_pressed(key));
+    let mut city = world.resource_mut::<City>();
+    if volume {
+        city.settings.volume = after(&VOLUMES, city.settings.volume);
+    }
+    if sampling {
+        city.settings.sampling = after(&SAMPLINGS, city.settings.sampling);
+    }
+    let asked = digit
+        .map(|digit| CULLINGS[digit].0)
+        .or((volume || sampling).then_some(city.culling));
+    if let Some(culling) = asked {
+        cull(world, culling);
+    }
+    if above {
+        show_overview(world, |shown| !shown);
+    }
+}
+
+/// Whether the city is shown from above too, as a function of whether it was.
+fn show_overview(world: &mut World, show: impl Fn(bool) -> bool) {
+    let mut cameras = world.query_filtered::<&mut Camera, With<Overview>>();
+    for mut camera in cameras.iter_mut(world) {
+        camera.is_active = show(camera.is_active);
+    }
+}
+
+/// The one after `value`, round and round.
+fn after<T: Copy + PartialEq>(all: &[T], value: T) -> T {
+    let at = all.iter().position(|other| *other == value);
+    at.map_or(value, |at| all[(at + 1) % all.len()])
+}
+
+fn report(
+    diagnostics: Res<DiagnosticsStore>,
+    city: Option<Res<City>>,
+    tally: Res<Tally>,
+    mut windows: Query<&mut Window, With<PrimaryWindow>>,
+) {
+    let frame = diagnostics.get(&FrameTimeDiagnosticsPlugin::FRAME_TIME);
+    let (Some(frame_ms), Some(city)) = (frame.and_then(|d| d.smoothed()), city) else {
+        return;
+    };
+    let line = line(&city, &tally);
+    info!("frame {frame_ms:.1} ms; {line}");
+    for mut window in &mut windows {
+        window.title = format!("Skyline · {frame_ms:.1} ms · {line}");
+    }
+}

@@ -1,0 +1,230 @@
+//! The city from above, in a corner of the picture: what the camera draws and what it leaves out, by colour.
+
+use std::collections::HashSet;
+
+use bevy::{
+    camera::{
+        ClearColorConfig, ScalingMode, Viewport,
+        primitives::{Aabb, Frustum, MeshAabb},
+        visibility::{RenderLayers, VisibleEntities},
+    },
+    prelude::*,
+};
+use bevy_skyline::offline::scenes::Scene;
+
+/// The layer that only the camera from above sees.
+const LAYER: usize = 1;
+/// Objects that are narrower are not shown. units: m
+const LEAST_M: f32 = 3.0;
+/// Side of the square that is shown. units: m
+const SHOWN_M: f32 = 1_100.0;
+
+/// On the camera from above.
+#[derive(Component)]
+pub struct Overview;
+
+/// On the arrow that shows where the camera is.
+#[derive(Component)]
+struct Arrow;
+
+/// Why an object is drawn or not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Drawn,
+    Hidden,
+    OutOfView,
+}
+
+/// How many objects were drawn in the last frame, and why the others were not.
+#[derive(Resource, Default, Clone, Copy, Debug)]
+pub struct Tally {
+    pub drawn: usize,
+    pub hidden: usize,
+    pub out_of_view: usize,
+}
+
+/// What the colours are made from.
+#[derive(Resource)]
+struct Map {
+    camera: Entity,
+    /// An object, its twin if it has one, and its state when that was last coloured.
+    objects: Vec<(Entity, Option<Entity>, State)>,
+    paints: [Handle<StandardMaterial>; 3],
+}
+
+/// Colours the map after each frame's visibility is settled.
+pub struct OverviewPlugin;
+
+impl Plugin for OverviewPlugin {
+    fn build(&self, app: &mut App) {
+        app.init_resource::<Tally>()
+            .add_systems(Last, (colour, follow).run_if(resource_exists::<Map>));
+    }
+}
+
+/// A twin of each object in a flat colour, and the camera that sees them.
+pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Entity, size: UVec2) {
+    let flat = |world: &mut World, r, g, b| {
+        world
+            .resource_mut::<Assets<StandardMaterial>>()
+            .add(StandardMaterial {
+                base_color: Color::linear_rgb(r, g, b),
+                unlit: true,
+                ..default()
+            })
+    };
+    let paints = [
+        flat(world, 0.08, 0.62, 0.12),
+        flat(world, 0.75, 0.05, 0.04),
+        flat(world, 0.16, 0.17, 0.19),
+    ];
+    let floor = flat(world, 0.02, 0.02, 0.03);
+    let white = flat(world, 1.0, 1.0, 1.0);
+    let mut meshes = world.resource_mut::<Assets<Mesh>>();
+    let ground = meshes.add(Plane3d::default().mesh().size(1e5, 1e5));
+    let cone = meshes.add(Cone::new(18.0, 60.0));
+    let boxes: Vec<Option<Aabb>> = scene.meshes.iter().map(MeshAabb::compute_aabb).collect();
+    let layer = RenderLayers::layer(LAYER);
+    let [low, high] = scene.bounds;
+    let objects = scene
+        .objects
+        .iter()
+        .zip(entities)
+        .map(|(object, &entity)| {
+            let shown = boxes[object.mesh].filter(|aabb| {
+                let size = 2.0 * aabb.half_extents;
+                // Not the ground, not what drives about, and nothing too small to be made out.
+                object.shuttle.is_none()
+                    && size.y > 0.1
+                    && size.x.min(size.z) * object.transform.scale.x > LEAST_M
+            });
+            let mesh = world.get::<Mesh3d>(entity).filter(|_| shown.is_some());
+            let twin = mesh.cloned().map(|mesh| {
+                let paint = MeshMaterial3d(paints[2].clone());
+                let parts = (mesh, paint, object.transform, layer.clone());
+                world.spawn(parts).id()
+            });
+            (entity, twin, State::OutOfView)
+        })
+        .collect();
+    world.spawn((
+        Mesh3d(ground),
+        MeshMaterial3d(floor),
+        Transform::from_xyz(0.0, low.y - 1.0, 0.0),
+        layer.clone(),
+    ));
+    world.spawn((
+        Mesh3d(cone),
+        MeshMaterial3d(white),
+        Transform::default(),
+        layer.clone(),
+        Arrow,
+    ));
+    let side = (size.min_element() / 2).max(1);
+    world.spawn((
+        Camera3d::default(),
+        Camera {
+            order: 1,
+            clear_color: ClearColorConfig::None,
+            viewport: Some(Viewport {
+                physical_position: UVec2::new(size.x.saturating_sub(side), 0),
+                physical_size: UVec2::splat(side),
+                ..default()
+            }),
+            ..default()
+        },
+        Projection::Orthographic(OrthographicProjection {
+            scaling_mode: ScalingMode::Fixed {
+                width: SHOWN_M,
+                height: SHOWN_M,
+            },
+            far: 4.0 * (high.y - low.y) + 1_000.0,
+            ..OrthographicProjection::default_3d()
+        }),
+        Msaa::Off,
+        Transform::from_xyz(0.0, high.y + 200.0, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
+        layer,
+        Overview,
+    ));
+    world.insert_resource(Map {
+        camera,
+        objects,
+        paints,
+    });
+}
+
+/// Whether an object was drawn, and if not, why.
+///
+/// What Bevy's own occlusion culling removes, the GPU alone knows; it counts as drawn.
+fn state_of(
+    entity: Entity,
+    drawn: &HashSet<Entity>,
+    frustum: &Frustum,
+    bounds: Option<(&Aabb, &GlobalTransform)>,
+) -> State {
+    let in_view = || {
+        bounds.is_none_or(|(aabb, place)| frustum.intersects_obb(aabb, &place.affine(), true, true))
+    };
+    if drawn.contains(&entity) {
+        State::Drawn
+    } else if in_view() {
+        State::Hidden
+    } else {
+        State::OutOfView
+    }
+}
+
+/// Colours what has changed its state since it was last coloured, and counts.
+fn colour(
+    mut map: ResMut<Map>,
+    mut tally: ResMut<Tally>,
+    cameras: Query<(&VisibleEntities, &Frustum)>,
+    bounds: Query<(&Aabb, &GlobalTransform)>,
+    mut twins: Query<&mut MeshMaterial3d<StandardMaterial>>,
+) {
+    let Ok((visible, frustum)) = cameras.get(map.camera) else {
+        return;
+    };
+    let drawn: HashSet<Entity> = super::in_list(visible).iter().copied().collect();
+    *tally = Tally::default();
+    let Map {
+        objects, paints, ..
+    } = &mut *map;
+    for (entity, twin, last) in objects {
+        let state = state_of(*entity, &drawn, frustum, bounds.get(*entity).ok());
+        let (count, paint) = match state {
+            State::Drawn => (&mut tally.drawn, &paints[0]),
+            State::Hidden => (&mut tally.hidden, &paints[1]),
+            State::OutOfView => (&mut tally.out_of_view, &paints[2]),
+        };
+        *count += 1;
+        if state != *last {
+            *last = state;
+            if let Some(mut material) = twin.and_then(|twin| twins.get_mut(twin).ok()) {
+                material.0 = paint.clone();
+            }
+        }
+    }
+}
+
+/// Keeps the camera in the middle of the map, its arrow where it looks.
+fn follow(
+    map: Res<Map>,
+    places: Query<&GlobalTransform>,
+    mut above: Query<&mut Transform, (With<Overview>, Without<Arrow>)>,
+    mut arrows: Query<&mut Transform, With<Arrow>>,
+) {
+    let Ok(place) = places.get(map.camera) else {
+        return;
+    };
+    let (at, ahead) = (place.translation(), place.forward());
+    for mut camera in &mut above {
+        camera.translation = at.with_y(camera.translation.y);
+    }
+    let level = Vec3::new(ahead.x, 0.0, ahead.z).normalize_or(Vec3::NEG_Z);
+    for mut arrow in &mut arrows {
+        // Above all roofs; a cone's tip is up.
+        *arrow = Transform::from_translation(at.with_y(600.0) + 30.0 * level)
+            .with_rotation(Quat::from_rotation_arc(Vec3::Y, level));
+    }
+}

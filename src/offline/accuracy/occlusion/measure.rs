@@ -1,0 +1,191 @@
+//! One scene: its views, standing still, and the paths of its camera.
+
+use bevy::{math::UVec2, platform::time::Instant};
+use indicatif::ProgressBar;
+
+use super::{
+    AccuracyError, Objects, OcclusionError, OcclusionLine, Plan, Report, Setting, Timing, exact,
+};
+use crate::offline::scenes::{
+    CameraPath, Look, Scene, View,
+    compare::differing_px,
+    stage::{Culling, SceneStage},
+};
+
+/// Beyond this, a setting is timed once. units: s
+const SLOW_S: f64 = 4.0;
+/// Frames before and in each timing.
+const WARM_FRAMES: usize = 2;
+const TIMED_FRAMES: usize = 3;
+
+/// Measures a scene; returns the GPU's name.
+pub(super) fn measure_scene(
+    scene: Scene,
+    plan: &Plan,
+    progress: &ProgressBar,
+    report: &mut Report,
+    lines: &mut Vec<OcclusionLine>,
+) -> Result<String, AccuracyError> {
+    let seen = seen_objects(&scene, plan.size)?;
+    let mut stage = SceneStage::new(scene, plan.size, Look::Shaded)?;
+    let views = stage.scene.views.clone();
+    for (index, (view, seen)) in views.iter().zip(seen).enumerate() {
+        let settings = plan.settings(index == 0);
+        let picture = measure_view(&mut stage, view, seen, &settings, plan, progress, lines)?;
+        let name = format!("{}_{}", stage.scene.name, view.name);
+        let path = report.file(
+            &format!("{name}.png"),
+            &format!("{}, {}: {seen} objects show", stage.scene.name, view.name),
+        );
+        report.save(&path, &image::DynamicImage::ImageRgba8(picture).into_rgb8())?;
+    }
+    for &path in plan.paths() {
+        measure_path(&mut stage, path, plan, progress, lines)?;
+    }
+    Ok(stage.offline.adapter())
+}
+
+/// How many objects show at each view, from a picture of their numbers.
+fn seen_objects(scene: &Scene, size: UVec2) -> Result<Vec<usize>, AccuracyError> {
+    let mut truth = SceneStage::new(scene.clone(), size, Look::Ids)?;
+    let views = scene.views.iter().map(|view| {
+        truth.look(view.transform);
+        truth.cull(&Culling::Frustum);
+        Ok(truth.seen()?.iter().filter(|px| **px > 0).count())
+    });
+    views.collect()
+}
+
+/// Measures one view with every setting; returns its unculled picture.
+fn measure_view(
+    stage: &mut SceneStage,
+    view: &View,
+    seen: usize,
+    settings: &[Culling],
+    plan: &Plan,
+    progress: &ProgressBar,
+    lines: &mut Vec<OcclusionLine>,
+) -> Result<image::RgbaImage, AccuracyError> {
+    stage.look(view.transform);
+    let first = lines.len();
+    let mut whole: Option<image::RgbaImage> = None;
+    let mut in_view = 0;
+    for culling in settings {
+        stage.cull(culling);
+        let drawn = stage.drawn()?;
+        if *culling == Culling::Frustum {
+            in_view = drawn;
+        }
+        let picture = stage.picture()?;
+        let whole = whole.get_or_insert_with(|| picture.clone());
+        let false_cull_px = differing_px(&picture, whole);
+        let removed = in_view.saturating_sub(drawn);
+        lines.push(OcclusionLine {
+            objects: Objects {
+                all: stage.scene.objects.len(),
+                drawn: drawn as f64,
+                seen: Some(seen),
+            },
+            error: OcclusionError {
+                false_cull_px,
+                false_cull_frames: u32::from(false_cull_px > 0),
+                missed_culls: Some(drawn.saturating_sub(seen) as f64 / drawn.max(1) as f64),
+                of_exact: exact::removable(stage, culling)?
+                    .map(|exact| removed as f64 / exact.max(1) as f64),
+            },
+            frames: 1,
+            ..line(stage, view.name, culling, plan)
+        });
+        progress.inc(1);
+    }
+    // Settings alternate, so that whatever else the machine does meets all of them alike.
+    let mut times = vec![Vec::new(); settings.len()];
+    let mut slow = vec![false; settings.len()];
+    for _ in 0..plan.rounds() {
+        for (index, culling) in settings.iter().enumerate() {
+            if slow[index] {
+                continue;
+            }
+            stage.set_culling(culling);
+            for _ in 0..WARM_FRAMES {
+                stage.offline.step();
+            }
+            for _ in 0..TIMED_FRAMES {
+                let start = Instant::now();
+                stage.offline.step();
+                let time_s = start.elapsed().as_secs_f64();
+                times[index].push(1e3 * time_s);
+                slow[index] |= time_s > SLOW_S;
+                if slow[index] {
+                    break;
+                }
+            }
+            progress.inc(1);
+        }
+    }
+    for (line, times) in lines[first..].iter_mut().zip(times) {
+        line.time_ms = Timing::of(times);
+    }
+    Ok(whole.unwrap_or_default())
+}
+
+/// Follows a path with every setting; the unculled frames are the reference.
+fn measure_path(
+    stage: &mut SceneStage,
+    path: CameraPath,
+    plan: &Plan,
+    progress: &ProgressBar,
+    lines: &mut Vec<OcclusionLine>,
+) -> Result<(), AccuracyError> {
+    let mut whole: Vec<image::RgbaImage> = Vec::new();
+    for culling in plan.settings(false) {
+        stage.set_frame(path, 0);
+        stage.cull(&culling);
+        let mut times = Vec::new();
+        let mut drawn = 0;
+        let mut error = OcclusionError::default();
+        for frame in 0..plan.path_frames() {
+            stage.set_frame(path, frame);
+            let start = Instant::now();
+            stage.offline.step();
+            times.push(1e3 * start.elapsed().as_secs_f64());
+            drawn += stage.drawn()?;
+            let picture = stage.picture()?;
+            match whole.get(frame as usize) {
+                Some(whole) => {
+                    let differing = differing_px(&picture, whole);
+                    error.false_cull_px += differing;
+                    error.false_cull_frames += u32::from(differing > 0);
+                }
+                None => whole.push(picture),
+            }
+        }
+        lines.push(OcclusionLine {
+            time_ms: Timing::of(times),
+            objects: Objects {
+                all: stage.scene.objects.len(),
+                drawn: drawn as f64 / f64::from(plan.path_frames()),
+                seen: None,
+            },
+            error,
+            frames: plan.path_frames(),
+            ..line(stage, path.name(), &culling, plan)
+        });
+        progress.inc(1);
+    }
+    Ok(())
+}
+
+fn line(stage: &SceneStage, what: &str, culling: &Culling, plan: &Plan) -> OcclusionLine {
+    OcclusionLine {
+        effect: "occlusion",
+        scene: format!("{}/{what}", stage.scene.name),
+        setting: Setting::of(culling),
+        time_ms: Timing::default(),
+        objects: Objects::default(),
+        error: OcclusionError::default(),
+        frames: 0,
+        size_px: plan.size.to_array(),
+        adapter: stage.offline.adapter(),
+    }
+}

@@ -1,0 +1,357 @@
+//! `skyline accuracy occlusion`: what culling hidden objects saves and what it costs, against no culling, frustum
+//! culling alone and Bevy's own occlusion culling (P2, Figs. 16 and 17, Table 1).
+
+pub mod cost;
+mod exact;
+mod measure;
+mod report;
+
+use std::path::{Path, PathBuf};
+
+use bevy::{math::UVec2, math::UVec3, platform::time::Instant};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::{AccuracyError, Report, Summary, Timing};
+use crate::{
+    occlusion::{OccludeeVolume, Recheck, Sampling, ZBufferOcclusion},
+    offline::scenes::{
+        CameraPath, Scene,
+        bunnies::{self, Block},
+        city::{self, CitySize},
+        seabed::seabed,
+        stage::Culling,
+    },
+};
+
+pub use cost::CostLine;
+
+const PATHS: [CameraPath; 4] = [
+    CameraPath::Walk,
+    CameraPath::Flight,
+    CameraPath::Spin,
+    CameraPath::Teleport,
+];
+
+/// What scenes to measure on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum SceneKind {
+    /// A dense city.
+    City,
+    /// Blocks of 9, 100 and 1,000 models.
+    Bunnies,
+    /// Ground in 256 blocks.
+    Seabed,
+}
+
+/// Every kind and its name as a flag's value.
+pub const SCENES: [(SceneKind, &str); 3] = [
+    (SceneKind::City, "city"),
+    (SceneKind::Bunnies, "bunnies"),
+    (SceneKind::Seabed, "seabed"),
+];
+
+/// What to measure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Size of the pictures. units: px
+    pub size: UVec2,
+    /// Small scenes, few settings and few rounds.
+    pub quick: bool,
+    /// On what.
+    pub scenes: Vec<SceneKind>,
+    /// An OBJ file, else a shape made by code.
+    pub model: Option<PathBuf>,
+    /// A glTF binary with a node and mesh a building, else a city made by code.
+    pub city: Option<PathBuf>,
+}
+
+impl Plan {
+    /// Every scene and every setting.
+    pub fn full() -> Self {
+        Self {
+            size: UVec2::new(1280, 720),
+            quick: false,
+            scenes: SCENES.map(|(kind, _)| kind).to_vec(),
+            model: None,
+            city: None,
+        }
+    }
+
+    /// Seconds rather than an hour.
+    pub fn quick() -> Self {
+        Self {
+            size: UVec2::new(320, 180),
+            quick: true,
+            ..Self::full()
+        }
+    }
+
+    fn rounds(&self) -> usize {
+        if self.quick { 1 } else { 3 }
+    }
+
+    fn paths(&self) -> &'static [CameraPath] {
+        if self.quick {
+            &[CameraPath::Walk, CameraPath::Teleport]
+        } else {
+            &PATHS
+        }
+    }
+
+    fn path_frames(&self) -> u32 {
+        if self.quick { 6 } else { 40 }
+    }
+
+    /// How many boxes the main-world cost is measured with.
+    fn candidates(&self) -> &'static [usize] {
+        if self.quick {
+            &[1_000]
+        } else {
+            &[10_000, 100_000]
+        }
+    }
+
+    /// The scenes of a kind.
+    fn make(&self, kind: SceneKind) -> Result<Vec<Scene>, AccuracyError> {
+        Ok(match kind {
+            SceneKind::City => vec![match &self.city {
+                Some(path) => city::from_file(path)?,
+                None if self.quick => city::generated(CitySize::Small),
+                None => city::generated(CitySize::Full),
+            }],
+            SceneKind::Bunnies => {
+                let blocks = if self.quick {
+                    vec![Block::of(UVec3::new(3, 1, 3), 1_000)]
+                } else {
+                    vec![Block::NINE, Block::HUNDRED, Block::THOUSAND]
+                };
+                let scene = |block| match &self.model {
+                    Some(path) => bunnies::from_file(path, block),
+                    None => Ok(bunnies::generated(block)),
+                };
+                blocks.into_iter().map(scene).collect::<Result<_, _>>()?
+            }
+            SceneKind::Seabed => vec![seabed(self.quick)],
+        })
+    }
+
+    /// Every setting that a view is measured with; the first view of a scene with all of them.
+    fn settings(&self, first_view: bool) -> Vec<Culling> {
+        let mut settings = vec![Culling::None, Culling::Frustum, Culling::Bevy];
+        let all = first_view && !self.quick;
+        let volumes = [
+            OccludeeVolume::Aabb,
+            OccludeeVolume::Obb,
+            OccludeeVolume::Proxy { triangles: 100 },
+        ];
+        let samplings = [2, 4, 8, 16]
+            .map(|block| Sampling::Conservative { block })
+            .into_iter()
+            .chain([Sampling::Strided { x: 5, y: 4 }]);
+        for sampling in samplings {
+            for volume in volumes {
+                for recheck in [Recheck::SameFrame, Recheck::Never] {
+                    let usual = [
+                        sampling == Sampling::default(),
+                        volume == OccludeeVolume::default(),
+                        recheck == Recheck::default(),
+                    ];
+                    // Elsewhere one thing is changed at a time, and not to what lies in between.
+                    let between = matches!(sampling, Sampling::Conservative { block: 2 | 8 });
+                    let changed = usual.iter().filter(|usual| !**usual).count();
+                    if all || (changed <= 1 && !between) {
+                        settings.push(Culling::ZBuffer(ZBufferOcclusion {
+                            volume,
+                            sampling,
+                            recheck,
+                            // What is measured is culling, not when to leave it.
+                            rests: false,
+                            ..ZBufferOcclusion::default()
+                        }));
+                    }
+                }
+            }
+        }
+        settings
+    }
+}
+
+/// A setting, by the names of its flags.
+#[derive(Serialize, Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// `none`, `frustum`, `bevy` or `z-buffer`.
+    pub culling: &'static str,
+    /// What stands for an object.
+    pub volume: Option<&'static str>,
+    /// How the depth buffer is read.
+    pub sampling: Option<String>,
+    /// Whether each removed object is tested again.
+    pub recheck: Option<&'static str>,
+}
+
+impl Setting {
+    fn of(culling: &Culling) -> Self {
+        let (name, settings) = match culling {
+            Culling::None => ("none", None),
+            Culling::Frustum => ("frustum", None),
+            Culling::Bevy => ("bevy", None),
+            Culling::ZBuffer(settings) => ("z-buffer", Some(settings)),
+        };
+        Self {
+            culling: name,
+            volume: settings.map(|settings| match settings.volume {
+                OccludeeVolume::Aabb => "aabb",
+                OccludeeVolume::Obb => "obb",
+                OccludeeVolume::Proxy { .. } => "proxy",
+            }),
+            sampling: settings.map(|settings| match settings.sampling {
+                Sampling::Conservative { block } => format!("conservative-{block}"),
+                Sampling::Strided { x, y } => format!("strided-{x}x{y}"),
+            }),
+            recheck: settings.map(|settings| match settings.recheck {
+                Recheck::SameFrame => "same-frame",
+                Recheck::Never => "never",
+            }),
+        }
+    }
+
+    /// In words, for tables.
+    fn words(&self) -> String {
+        [
+            Some(self.culling),
+            self.volume,
+            self.sampling.as_deref(),
+            self.recheck,
+        ]
+        .into_iter()
+        .flatten()
+        .collect::<Vec<_>>()
+        .join(" ")
+    }
+}
+
+/// One line of `results.jsonl`.
+#[derive(Serialize, Clone, Debug)]
+pub struct OcclusionLine {
+    /// Always `occlusion`.
+    pub effect: &'static str,
+    /// Scene and view, or scene and path.
+    pub scene: String,
+    /// What culled.
+    pub setting: Setting,
+    /// Whole frames, from their start until the GPU was done. units: ms
+    pub time_ms: Timing,
+    /// How many objects.
+    pub objects: Objects,
+    /// Against the unculled picture of the same frame.
+    pub error: OcclusionError,
+    /// Frames looked at.
+    pub frames: u32,
+    /// units: px
+    pub size_px: [u32; 2],
+    /// Name of the GPU.
+    pub adapter: String,
+}
+
+/// Numbers of objects.
+#[derive(Serialize, Clone, Copy, Debug, Default, PartialEq)]
+pub struct Objects {
+    /// In the scene.
+    pub all: usize,
+    /// Drawn; the mean of all frames of a path.
+    pub drawn: f64,
+    /// That show a pixel; of views only.
+    pub seen: Option<usize>,
+}
+
+/// What was wrong.
+#[derive(Serialize, Clone, Copy, Debug, Default, PartialEq)]
+pub struct OcclusionError {
+    /// Pixels that differ from the unculled picture of the same frame, in all frames together.
+    pub false_cull_px: u64,
+    /// Frames with such pixels.
+    pub false_cull_frames: u32,
+    /// Share of the objects drawn that show no pixel; of views only.
+    pub missed_culls: Option<f64>,
+    /// Share removed of what an exact test of the same volume against every pixel's depth would remove.
+    pub of_exact: Option<f64>,
+}
+
+/// Measures occlusion culling and writes everything to a directory.
+///
+/// # Errors
+/// [`AccuracyError`].
+pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
+    let start = Instant::now();
+    let mut report = Report::new(out, "occlusion")?;
+    let progress = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {pos} {elapsed} {msg}") {
+        progress.set_style(style);
+    }
+    let mut lines = Vec::new();
+    let mut adapter = String::new();
+    for &kind in &plan.scenes {
+        for scene in plan.make(kind)? {
+            progress.set_message(scene.name.clone());
+            adapter = measure::measure_scene(scene, plan, &progress, &mut report, &mut lines)?;
+        }
+    }
+    let mut costs = Vec::new();
+    for &candidates in plan.candidates() {
+        for out_of_view in [false, true] {
+            progress.set_message(format!("{candidates} candidates"));
+            costs.push(cost::measure_cost(candidates, out_of_view, plan.quick)?);
+        }
+    }
+    progress.finish_and_clear();
+
+    report::draw(&mut report, &lines)?;
+    report.results(&lines)?;
+    report.csv(&report::csv(&lines))?;
+    let tables = report::tables(&lines, &costs);
+    let head = format!(
+        "{}×{} px; {adapter}; times are medians of whole frames until the GPU was done, {} alternating rounds.",
+        plan.size.x,
+        plan.size.y,
+        plan.rounds(),
+    );
+    report.tables(&head, &tables)?;
+    let index = report.index("What accuracy costs: occlusion culling", &head, &tables)?;
+    Ok(Summary {
+        effect: "occlusion",
+        adapter,
+        clock: "the wall clock, from a frame's start until the GPU was done",
+        results: lines.len(),
+        seconds: start.elapsed().as_secs_f64(),
+        index,
+        files: report.into_files(),
+        highlights: report::highlights(&lines, &costs),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_setting_is_measured_once_and_every_one_at_first_views() {
+        for (plan, count) in [(Plan::full(), 33), (Plan::quick(), 9)] {
+            let settings = plan.settings(true);
+            assert_eq!(settings.len(), count);
+            let names: std::collections::BTreeSet<_> =
+                settings.iter().map(|s| Setting::of(s).words()).collect();
+            assert_eq!(names.len(), count, "{names:?}");
+            let default = ZBufferOcclusion {
+                rests: false,
+                ..ZBufferOcclusion::default()
+            };
+            for first in [true, false] {
+                assert!(
+                    plan.settings(first)
+                        .contains(&Culling::ZBuffer(default.clone()))
+                );
+            }
+        }
+    }
+}
