@@ -71,3 +71,4 @@ fn device() -> Option<bevy_skyline::offline::Offline> {
         }
     }
 }
+#[cfg(feature = "cli")]

@@ -43,6 +43,8 @@ pub struct Occludees {
     /// Slots given to an entity since the last [`begin`](Self::begin).
     assigned: Vec<u32>,
     frame: u64,
+    /// Time that keeping it up took this frame. units: ms
+    pub(crate) update_ms: f32,
     /// Groups of occludees, by the entity hierarchy.
     pub(crate) groups: Groups,
 }

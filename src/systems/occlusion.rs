@@ -39,7 +39,7 @@ pub const CANDIDATES: DiagnosticPath = DiagnosticPath::const_new("skyline/occlus
 pub const REMOVED: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/removed");
 /// Entities drawn late, over all cameras.
 pub const RESCUED: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/rescued");
-/// Time of testing and removing, over all cameras. units: ms
+/// Time of keeping the table, testing and removing, over all cameras. units: ms
 pub const CPU_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/cpu_ms");
 
 /// What [`update_occludees`] looks at.
@@ -142,6 +142,7 @@ pub fn update_occludees(
             OccludeeVolume::Proxy { triangles } => 2 + u64::from(*triangles),
         });
     let known = core::mem::replace(&mut *wanted, asked);
+    let began = Instant::now();
     let Some(volume) = asked else {
         if known.is_some() {
             table.forget();
@@ -168,6 +169,7 @@ pub fn update_occludees(
         for item in &everything {
             put(table, item);
         }
+        table.update_ms = began.elapsed().as_secs_f32() * 1e3;
         return;
     }
     for entity in no_mesh.read().chain(no_aabb.read()) {
@@ -214,6 +216,7 @@ pub fn update_occludees(
             }
         }
     }
+    table.update_ms = began.elapsed().as_secs_f32() * 1e3;
 }
 
 /// Takes what the newest depth hides out of each camera's visible entities, in order.
@@ -278,7 +281,7 @@ pub fn cull_occluded(
             };
             let frame = Frame {
                 frame_ms: time.delta_secs() * 1e3,
-                own_ms: counts.cpu_ms + gpu_ms,
+                own_ms: table.update_ms + counts.cpu_ms + gpu_ms,
                 in_view: counts.candidates as usize,
                 removed: kept_out,
                 judged,
@@ -301,7 +304,12 @@ fn cull_camera(
 ) -> bool {
     let slots = table.slots();
     *counts = OcclusionCounts {
-        rescued: counts.rescued,
+        // Of the newest verdicts, until newer ones come.
+        rescued: if settings.recheck == Recheck::SameFrame {
+            counts.rescued
+        } else {
+            0
+        },
         ..default()
     };
     state.removed.clear(slots);
@@ -329,7 +337,9 @@ fn cull_camera(
     if let Some(fresh) = fresh {
         // What was removed and then found visible was drawn late, and is drawn early from now on.
         state.hidden.set_from(&fresh.tested, &fresh.hidden);
-        counts.rescued = fresh.removed.count_without(&fresh.hidden) as u32;
+        if settings.recheck == Recheck::SameFrame {
+            counts.rescued = fresh.removed.count_without(&fresh.hidden) as u32;
+        }
         if let Some(old) = state.newest.replace(fresh) {
             state.mailbox.recycle(old);
         }
@@ -507,6 +517,7 @@ pub fn report_occlusion(
     stats: Res<OcclusionStats>,
     paths: Res<OcclusionDiagnosticPaths>,
     store: Option<Res<DiagnosticsStore>>,
+    table: Res<Occludees>,
     cameras: Query<(&ZBufferOcclusion, &OcclusionCounts, &OcclusionCamera, &Camera)>,
     mut diagnostics: Diagnostics,
 ) {
@@ -529,7 +540,10 @@ pub fn report_occlusion(
         }
         return;
     }
-    let mut total = OcclusionCounts::default();
+    let mut total = OcclusionCounts {
+        cpu_ms: table.update_ms,
+        ..default()
+    };
     let (mut cameras_at_work, mut rests) = (0, None);
     for (settings, counts, state, camera) in &cameras {
         if !camera.is_active {

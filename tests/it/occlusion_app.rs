@@ -176,7 +176,8 @@ fn compare_motion(scene: &mut Scene, frames: usize) -> (u32, u32) {
     (most, rescued)
 }
 
-fn holds_in_motion<B: Bundle>(camera: impl Fn() -> B) {
+/// At rest and in motion. A frame behind the wall has at least `hidden` objects.
+fn holds_in_motion<B: Bundle>(hidden: u32, frames: usize, camera: impl Fn() -> B) {
     let Some(mut scene) = Scene::new(always(), camera) else {
         return;
     };
@@ -185,36 +186,36 @@ fn holds_in_motion<B: Bundle>(camera: impl Fn() -> B) {
     }
     let counts = scene.step();
     println!("at rest: {counts:?}");
-    assert!(counts.removed > 100, "{counts:?}");
+    assert!(counts.removed >= hidden, "{counts:?}");
     assert_eq!(scene.differing().0, 0);
-    let (most, rescued) = compare_motion(&mut scene, 120);
+    let (most, rescued) = compare_motion(&mut scene, frames);
     println!("in motion: at most {most} removed at once, {rescued} drawn late");
-    assert!(most > 100 && rescued > 0);
+    assert!(most >= hidden && rescued > 0);
 }
 
 #[test]
 fn nothing_is_missing_in_a_forward_camera() {
-    holds_in_motion(|| Msaa::Off);
+    holds_in_motion(170, 120, || Msaa::Off);
 }
 
 #[test]
 fn nothing_is_missing_with_multisampling() {
-    holds_in_motion(|| Msaa::Sample4);
+    holds_in_motion(170, 60, || Msaa::Sample4);
 }
 
 #[test]
 fn nothing_is_missing_after_a_depth_prepass() {
-    holds_in_motion(|| (Msaa::Off, DepthPrepass));
+    holds_in_motion(170, 60, || (Msaa::Off, DepthPrepass));
 }
 
 #[test]
 fn nothing_is_missing_after_a_normal_and_motion_prepass() {
-    holds_in_motion(|| (Msaa::Off, DepthPrepass, NormalPrepass, MotionVectorPrepass));
+    holds_in_motion(170, 60, || (Msaa::Off, DepthPrepass, NormalPrepass, MotionVectorPrepass));
 }
 
 #[test]
 fn nothing_is_missing_in_a_viewport() {
-    holds_in_motion(|| {
+    holds_in_motion(170, 60, || {
         (
             Msaa::Off,
             Camera {
@@ -231,7 +232,7 @@ fn nothing_is_missing_in_a_viewport() {
 
 #[test]
 fn nothing_is_missing_in_an_orthographic_camera() {
-    holds_in_motion(|| {
+    holds_in_motion(80, 60, || {
         (
             Msaa::Off,
             Projection::Orthographic(OrthographicProjection {
@@ -263,6 +264,6 @@ fn nothing_is_missing_in_a_deferred_camera() {
     }
     let counts = scene.step();
     assert!(counts.removed > 100, "{counts:?}");
-    let (most, rescued) = compare_motion(&mut scene, 120);
+    let (most, rescued) = compare_motion(&mut scene, 60);
     assert!(most > 100 && rescued > 0, "{most} {rescued}");
 }

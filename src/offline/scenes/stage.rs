@@ -32,12 +32,12 @@ use super::{
     ids::{self, ObjectIdPlugin},
 };
 use crate::{
-    occlusion::ZBufferOcclusion,
+    occlusion::{OcclusionCounts, ZBufferOcclusion},
     offline::{Offline, OfflineError},
 };
 
 /// Frames after which a change of what culls has reached everything.
-const WARM_FRAMES: u32 = 4;
+const WARM_FRAMES: u32 = 6;
 
 /// What is left out of a picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,6 +50,18 @@ pub enum Culling {
     Bevy,
     /// That, and what is hidden, by [`ZBufferOcclusion`].
     ZBuffer(ZBufferOcclusion),
+    /// The same behind a depth prepass, as Bevy's must have it.
+    ZBufferAfterPrepass(ZBufferOcclusion),
+}
+
+impl Culling {
+    /// The settings, if it is [`ZBufferOcclusion`] that culls.
+    pub fn settings(&self) -> Option<&ZBufferOcclusion> {
+        match self {
+            Self::ZBuffer(settings) | Self::ZBufferAfterPrepass(settings) => Some(settings),
+            _ => None,
+        }
+    }
 }
 
 /// The depth of every pixel. Reverse-Z, 0 = far.
@@ -157,7 +169,7 @@ impl SceneStage {
         match self.culling {
             Culling::None | Culling::Frustum => self.plain,
             Culling::Bevy => self.bevy,
-            Culling::ZBuffer(_) => self.zbuffer,
+            Culling::ZBuffer(_) | Culling::ZBufferAfterPrepass(_) => self.zbuffer,
         }
     }
 
@@ -175,10 +187,16 @@ impl SceneStage {
         self.culling = culling.clone();
         let on = self.camera();
         let world = self.offline.app.world_mut();
-        if let Culling::ZBuffer(settings) = culling
-            && world.get(self.zbuffer) != Some(settings)
-        {
-            world.entity_mut(self.zbuffer).insert(settings.clone());
+        if let Some(settings) = culling.settings() {
+            let mut camera = world.entity_mut(self.zbuffer);
+            if camera.get() != Some(settings) {
+                camera.insert(settings.clone());
+            }
+            if matches!(culling, Culling::ZBufferAfterPrepass(_)) {
+                camera.insert_if_new(DepthPrepass);
+            } else {
+                camera.remove::<DepthPrepass>();
+            }
         }
         let is_none = *culling == Culling::None;
         if is_none != was_none {
@@ -267,7 +285,7 @@ fn drawn(offline: &Offline, camera: Entity, culling: &Culling) -> Result<usize, 
     match culling {
         Culling::None | Culling::Frustum => Ok(kept(offline, camera)),
         Culling::Bevy => drawn_indirectly(offline),
-        Culling::ZBuffer(_) => Ok(kept(offline, camera) + rescued(offline, camera)),
+        Culling::ZBuffer(_) | Culling::ZBufferAfterPrepass(_) => Ok(kept(offline, camera) + rescued(offline, camera)),
     }
 }
 
@@ -282,9 +300,11 @@ fn kept(offline: &Offline, camera: Entity) -> usize {
         .count()
 }
 
-/// Objects that `ZBufferOcclusion` took out of that list and drew after all, in the same frame.
-fn rescued(_offline: &Offline, _camera: Entity) -> usize {
-    0
+/// Objects that `ZBufferOcclusion` took out of that list and drew after all, as the newest verdicts to come back have
+/// it: one frame late.
+fn rescued(offline: &Offline, camera: Entity) -> usize {
+    let counts = offline.app.world().get::<OcclusionCounts>(camera);
+    counts.map_or(0, |counts| counts.rescued as usize)
 }
 
 /// Instances of the opaque phase's indirect draws.

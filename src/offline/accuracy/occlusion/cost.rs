@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use bevy::{
     camera::visibility::VisibilitySystems,
-    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    diagnostic::DiagnosticsStore,
     prelude::*,
 };
 use serde::Serialize;
@@ -13,10 +13,9 @@ use super::Timing;
 use crate::{
     occlusion::ZBufferOcclusion,
     offline::{Offline, OfflineError},
+    systems::occlusion::CPU_MS,
 };
 
-/// Where the culling's own time in the main world is told. units: ms
-const OCCLUSION_SPAN: &str = "skyline/occlusion/predict/elapsed_cpu";
 /// From one box to the next. units: m
 const PITCH_M: f32 = 2.0;
 
@@ -151,6 +150,6 @@ pub fn measure_cost(
 fn occlusion_ms(world: &World) -> Option<f64> {
     world
         .get_resource::<DiagnosticsStore>()?
-        .get(&DiagnosticPath::const_new(OCCLUSION_SPAN))?
+        .get(&CPU_MS)?
         .value()
 }

@@ -15,7 +15,7 @@ use crate::offline::scenes::{
 /// Beyond this, a setting is timed once. units: s
 const SLOW_S: f64 = 4.0;
 /// Frames before and in each timing.
-const WARM_FRAMES: usize = 2;
+const WARM_FRAMES: usize = 5;
 const TIMED_FRAMES: usize = 3;
 
 /// Measures a scene; returns the GPU's name.
@@ -69,17 +69,12 @@ fn measure_view(
     stage.look(view.transform);
     let first = lines.len();
     let mut whole: Option<image::RgbaImage> = None;
-    let mut in_view = 0;
     for culling in settings {
         stage.cull(culling);
         let drawn = stage.drawn()?;
-        if *culling == Culling::Frustum {
-            in_view = drawn;
-        }
         let picture = stage.picture()?;
         let whole = whole.get_or_insert_with(|| picture.clone());
         let false_cull_px = differing_px(&picture, whole);
-        let removed = in_view.saturating_sub(drawn);
         lines.push(OcclusionLine {
             objects: Objects {
                 all: stage.scene.objects.len(),
@@ -91,7 +86,7 @@ fn measure_view(
                 false_cull_frames: u32::from(false_cull_px > 0),
                 missed_culls: Some(drawn.saturating_sub(seen) as f64 / drawn.max(1) as f64),
                 of_exact: exact::removable(stage, culling)?
-                    .map(|exact| removed as f64 / exact.max(1) as f64),
+                    .map(|of| of.removed as f64 / of.by_exact_test.max(1) as f64),
             },
             frames: 1,
             ..line(stage, view.name, culling, plan)

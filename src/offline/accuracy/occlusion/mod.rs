@@ -138,7 +138,15 @@ impl Plan {
 
     /// Every setting that a view is measured with; the first view of a scene with all of them.
     fn settings(&self, first_view: bool) -> Vec<Culling> {
-        let mut settings = vec![Culling::None, Culling::Frustum, Culling::Bevy];
+        let mut settings = vec![
+            Culling::None,
+            Culling::Frustum,
+            Culling::Bevy,
+            Culling::ZBufferAfterPrepass(ZBufferOcclusion {
+                rests: false,
+                ..ZBufferOcclusion::default()
+            }),
+        ];
         let all = first_view && !self.quick;
         let volumes = [
             OccludeeVolume::Aabb,
@@ -180,7 +188,7 @@ impl Plan {
 /// A setting, by the names of its flags.
 #[derive(Serialize, Clone, Debug, PartialEq)]
 pub struct Setting {
-    /// `none`, `frustum`, `bevy` or `z-buffer`.
+    /// `none`, `frustum`, `bevy`, `z-buffer`, or `z-buffer-prepass`: behind a depth prepass.
     pub culling: &'static str,
     /// What stands for an object.
     pub volume: Option<&'static str>,
@@ -197,6 +205,7 @@ impl Setting {
             Culling::Frustum => ("frustum", None),
             Culling::Bevy => ("bevy", None),
             Culling::ZBuffer(settings) => ("z-buffer", Some(settings)),
+            Culling::ZBufferAfterPrepass(settings) => ("z-buffer-prepass", Some(settings)),
         };
         Self {
             culling: name,
