@@ -116,7 +116,8 @@ const VOLUMES: [OccludeeVolume; 3] = [
     OccludeeVolume::Obb,
     OccludeeVolume::Proxy { triangles: 100 },
 ];
-const SAMPLINGS: [Sampling; 5] = [
+const SAMPLINGS: [Sampling; 6] = [
+    Sampling::Conservative { block: 0 },
     Sampling::Conservative { block: 2 },
     Sampling::Conservative { block: 4 },
     Sampling::Conservative { block: 8 },

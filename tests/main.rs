@@ -31,11 +31,11 @@ mod occlusion_app;
 #[path = "it/occlusion_cases.rs"]
 mod occlusion_cases;
 #[cfg(feature = "cli")]
-#[path = "it/occlusion_twin.rs"]
-mod occlusion_twin;
-#[cfg(feature = "cli")]
 #[path = "it/occlusion_scenes.rs"]
 mod occlusion_scenes;
+#[cfg(feature = "cli")]
+#[path = "it/occlusion_twin.rs"]
+mod occlusion_twin;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]
@@ -71,4 +71,3 @@ fn device() -> Option<bevy_skyline::offline::Offline> {
         }
     }
 }
-#[cfg(feature = "cli")]

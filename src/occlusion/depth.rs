@@ -13,6 +13,10 @@ pub const MOST_SIDE_PX: u32 = 16_384;
 
 /// Most levels of a pyramid: enough for [`MOST_SIDE_PX`] in blocks of one pixel.
 pub const MOST_LEVELS: usize = 16;
+/// Side of the largest block. units: px
+pub const MOST_BLOCK: u32 = 64;
+/// Blocks that `Conservative { block: 0 }` reads back at most: 4 MB, and a third more for the levels above.
+const MOST_FINE_BLOCKS: u64 = 1_000_000;
 
 /// One level of a pyramid.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -84,13 +88,20 @@ pub fn texel_count(levels: &[DepthLevel]) -> usize {
 }
 
 impl Sampling {
-    /// The block of pixels that a texel stands for, settings outside their range drawn into it. units: px
-    pub fn block(self) -> UVec2 {
+    /// The block of pixels that a texel stands for in a viewport, settings outside their range drawn into it. units: px
+    pub fn block(self, viewport: UVec2) -> UVec2 {
         match self {
+            Self::Conservative { block: 0 } => (1..=MOST_BLOCK)
+                .map(UVec2::splat)
+                .find(|block| {
+                    let [x, y] = [0, 1].map(|axis| viewport[axis].div_ceil(block[axis]));
+                    u64::from(x) * u64::from(y) <= MOST_FINE_BLOCKS
+                })
+                .unwrap_or(UVec2::splat(MOST_BLOCK)),
             Self::Conservative { block } => UVec2::splat(block),
             Self::Strided { x, y } => UVec2::new(x, y),
         }
-        .clamp(UVec2::ONE, UVec2::splat(64))
+        .clamp(UVec2::ONE, UVec2::splat(MOST_BLOCK))
     }
 
     /// Whether one pixel of a block is read instead of all.
@@ -120,7 +131,7 @@ impl ReducedDepth {
                 count: pixels.len(),
             });
         }
-        let block = sampling.block();
+        let block = sampling.block(viewport);
         let strided = sampling.is_strided();
         let levels = layout(viewport, block);
         let mut texels = Vec::with_capacity(texel_count(&levels));
@@ -173,10 +184,10 @@ impl ReducedDepth {
         Self {
             clip_from_world,
             viewport: viewport.as_vec2(),
-            block: sampling.block(),
+            block: sampling.block(viewport),
             strided: sampling.is_strided(),
             levels: if fits {
-                layout(viewport, sampling.block())
+                layout(viewport, sampling.block(viewport))
             } else {
                 Vec::new()
             },
@@ -241,14 +252,14 @@ impl GpuOcclusionView {
     pub fn new(clip_from_world: Mat4, viewport: UVec2, sampling: Sampling) -> Self {
         let fits = viewport.min_element() > 0 && viewport.max_element() <= MOST_SIDE_PX;
         let levels = if fits {
-            layout(viewport, sampling.block())
+            layout(viewport, sampling.block(viewport))
         } else {
             Vec::new()
         };
         Self::with_levels(
             clip_from_world,
             viewport.as_vec2(),
-            sampling.block(),
+            sampling.block(viewport),
             sampling.is_strided(),
             &levels,
         )

@@ -99,7 +99,8 @@ pub enum Sampling {
     /// The farthest depth of every block of `block` × `block` pixels: no pixel goes unread, so that nothing
     /// visible is taken for hidden.
     Conservative {
-        /// Side of a block. units: px, range: 1..=64
+        /// Side of a block; 0 stands for the smallest that leaves at most a million blocks: 1 up to 1280×720, 2 at
+        /// 1920×1080, 3 at 3840×2160. units: px, range: 0..=64, default: 0
         block: u32,
     },
     /// One pixel in every `x` columns and `y` rows, and nothing else (P2, §4.3: its "5×4 mode"). What is seen
@@ -114,7 +115,7 @@ pub enum Sampling {
 
 impl Default for Sampling {
     fn default() -> Self {
-        Self::Conservative { block: 4 }
+        Self::Conservative { block: 0 }
     }
 }
 
@@ -159,6 +160,8 @@ pub(crate) fn register(app: &mut App) {
             )
                 .chain()
                 .in_set(CullSystems)
+                // An edited mesh is not tested with its old volumes.
+                .after(bevy::asset::AssetEventSystems)
                 // Places, bounds and what is in view are this frame's.
                 .after(VisibilitySystems::CheckVisibility)
                 .after(VisibilitySystems::MarkNewlyHiddenEntitiesInvisible),

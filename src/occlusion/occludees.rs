@@ -223,7 +223,11 @@ mod tests {
         assert_eq!((table.slot(a), table.len()), (None, 1));
         assert_eq!(table.dirty(), [slot_a], "what was known of it is void");
         let again = world.spawn_empty().id();
-        assert_eq!(again.index_u32(), a.index_u32(), "Bevy gives the index again");
+        assert_eq!(
+            again.index_u32(),
+            a.index_u32(),
+            "Bevy gives the index again"
+        );
         let slot_again = table.insert(occludee(again));
         assert_ne!(slot_again, slot_a, "verdicts on the way are not for it");
         assert_eq!((table.slot(a), table.slot(again)), (None, Some(slot_again)));

@@ -22,8 +22,8 @@ use crate::{
         Recheck, ZBufferOcclusion,
         groups::NO_GROUP,
         meshes::OccludeeMeshes,
-        occludees::{Occludee, Occludees},
         obb::aligned,
+        occludees::{Occludee, Occludees},
         pace::{Frame, Plan},
         verdict::{DepthTest, Verdict},
     },
@@ -31,7 +31,12 @@ use crate::{
 };
 
 /// Passes that occlusion culling's GPU time is the sum of.
-const SPANS: [&str; 4] = ["depth_reduce", "occludee_verdicts", "late_draws", "late_opaque"];
+const SPANS: [&str; 4] = [
+    "depth_reduce",
+    "occludee_verdicts",
+    "late_draws",
+    "late_opaque",
+];
 
 /// Candidates in view, over all cameras.
 pub const CANDIDATES: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/candidates");
@@ -242,7 +247,11 @@ pub fn cull_occluded(
     let (supported, rechecks, ready) = {
         let stats = stats.lock();
         let supported = stats.unsupported.is_none();
-        (supported, stats.no_recheck.is_none(), stats.ready_to_recheck)
+        (
+            supported,
+            stats.no_recheck.is_none(),
+            stats.ready_to_recheck,
+        )
     };
     let table = &mut *table;
     {
@@ -469,7 +478,8 @@ impl Descent<'_> {
             self.tested += 1;
             verdict = tester.verdict(&bevy::math::Affine3A::IDENTITY, bound, None);
         }
-        self.groups[group as usize] = 1 + KNOWN.iter().position(|v| *v == verdict).unwrap_or(0) as u8;
+        self.groups[group as usize] =
+            1 + KNOWN.iter().position(|v| *v == verdict).unwrap_or(0) as u8;
         verdict
     }
 }
@@ -518,10 +528,17 @@ pub fn report_occlusion(
     paths: Res<OcclusionDiagnosticPaths>,
     store: Option<Res<DiagnosticsStore>>,
     table: Res<Occludees>,
-    cameras: Query<(&ZBufferOcclusion, &OcclusionCounts, &OcclusionCamera, &Camera)>,
+    cameras: Query<(
+        &ZBufferOcclusion,
+        &OcclusionCounts,
+        &OcclusionCamera,
+        &Camera,
+    )>,
     mut diagnostics: Diagnostics,
 ) {
-    let entry = effects.bypass_change_detection().entry(Effect::ZBufferOcclusion);
+    let entry = effects
+        .bypass_change_detection()
+        .entry(Effect::ZBufferOcclusion);
     if cameras.is_empty() {
         if *entry != EffectState::Dormant {
             *entry = EffectState::Dormant;

@@ -210,7 +210,9 @@ fn nothing_is_missing_after_a_depth_prepass() {
 
 #[test]
 fn nothing_is_missing_after_a_normal_and_motion_prepass() {
-    holds_in_motion(170, 60, || (Msaa::Off, DepthPrepass, NormalPrepass, MotionVectorPrepass));
+    holds_in_motion(170, 60, || {
+        (Msaa::Off, DepthPrepass, NormalPrepass, MotionVectorPrepass)
+    });
 }
 
 #[test]

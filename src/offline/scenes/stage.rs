@@ -285,7 +285,9 @@ fn drawn(offline: &Offline, camera: Entity, culling: &Culling) -> Result<usize, 
     match culling {
         Culling::None | Culling::Frustum => Ok(kept(offline, camera)),
         Culling::Bevy => drawn_indirectly(offline),
-        Culling::ZBuffer(_) | Culling::ZBufferAfterPrepass(_) => Ok(kept(offline, camera) + rescued(offline, camera)),
+        Culling::ZBuffer(_) | Culling::ZBufferAfterPrepass(_) => {
+            Ok(kept(offline, camera) + rescued(offline, camera))
+        }
     }
 }
 

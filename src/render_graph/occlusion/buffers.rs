@@ -144,7 +144,9 @@ impl GpuOccludees {
             .proxies
             .entry(Arc::as_ptr(proxy) as usize)
             .or_insert_with(|| {
-                let first = self.triangles.extend(proxy.triangles.iter().map(Into::into));
+                let first = self
+                    .triangles
+                    .extend(proxy.triangles.iter().map(Into::into));
                 (proxy.clone(), first)
             });
         (*first, count)
@@ -222,7 +224,11 @@ impl ViewOcclusion {
     /// Memory for a camera whose reduced depth has so many texels, and for so many words of slots.
     pub fn new(device: &RenderDevice, texels: usize, words: usize, key: ReduceKey) -> Self {
         Self {
-            view: storage(device, "skyline_occlusion_view", size_of::<GpuOcclusionView>()),
+            view: storage(
+                device,
+                "skyline_occlusion_view",
+                size_of::<GpuOcclusionView>(),
+            ),
             reduced: storage(device, "skyline_reduced_depth", 4 * texels),
             texels,
             to_test: storage(device, "skyline_occlusion_to_test", 4 * words),

@@ -117,9 +117,12 @@ type CameraData<'w> = (
 );
 
 /// Gives every camera that removed something its late view, with this frame's entities, the camera's keys and the
-/// phases kept since the last frame. What cannot be drawn late, because it blends or because its material is not
-/// known yet, goes back to the camera.
-#[expect(clippy::too_many_arguments, reason = "it stands for several of Bevy's systems")]
+/// phases kept since the last frame. What cannot be drawn late goes back to the camera: it blends, its material has
+/// a depth bias or is not known yet.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "it stands for several of Bevy's systems"
+)]
 pub fn prepare_late_views(
     mut commands: Commands,
     extracted: Res<ExtractedOcclusion>,
@@ -172,10 +175,13 @@ pub fn prepare_late_views(
                 .get(&entity)
                 .and_then(|instance| materials.get(instance.asset_id))
                 .is_some_and(|material| {
-                    matches!(
-                        material.properties.render_phase_type,
-                        RenderPhaseType::Opaque | RenderPhaseType::AlphaMask
-                    )
+                    let properties = &material.properties;
+                    // A bias lets what lies behind the depth be drawn all the same.
+                    properties.depth_bias == 0.0
+                        && matches!(
+                            properties.render_phase_type,
+                            RenderPhaseType::Opaque | RenderPhaseType::AlphaMask
+                        )
                 })
         };
         let mut of_late = lists
@@ -191,7 +197,8 @@ pub fn prepare_late_views(
             while before.next_if(|old| **old < main).is_some() {}
             let accepted_before = before.next_if(|old| **old == main).is_some();
             let changed = || {
-                dirty.changed_renderables.contains(&main) || dirty.removed_renderables.contains(&main)
+                dirty.changed_renderables.contains(&main)
+                    || dirty.removed_renderables.contains(&main)
             };
             if accepted_before && !changed() || drawn_late(main) {
                 class.entities.push((Entity::PLACEHOLDER, main));

@@ -29,8 +29,8 @@ use bevy::{
 };
 
 use super::{
-    OcclusionStats,
     super::occludee_verdicts::OCCLUDEES_PER_GROUP,
+    OcclusionStats,
     buffers::OcclusionViews,
     extract::ExtractedOcclusion,
     late_view::{draws_late, late_view_of},
@@ -39,9 +39,9 @@ use super::{
 };
 
 /// Texels of level 0 along a side of `depth_reduce`'s workgroup.
-const REDUCE_TILE: u32 = 8;
+const REDUCE_TILE: u32 = 16;
 /// Levels that `depth_reduce` makes; `depth_reduce_rest` makes the others.
-const REDUCE_LEVELS: usize = 4;
+const REDUCE_LEVELS: usize = 5;
 
 /// A camera that draws into the depth before its main pass.
 pub type WithPrepass = Or<(
@@ -87,7 +87,9 @@ pub fn recheck<F: QueryFilter + 'static>(
 
     // Without verdicts nothing is hidden, and all of the late view is drawn.
     encoder.clear_buffer(&of.hidden, 0, None);
-    let reduced = pipelines.reduce(&cache, of.key).zip(of.reduce_group.as_ref());
+    let reduced = pipelines
+        .reduce(&cache, of.key)
+        .zip(of.reduce_group.as_ref());
     if let Some(([first, rest], (_, group))) = reduced {
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
             label: Some("depth_reduce"),
@@ -97,7 +99,11 @@ pub fn recheck<F: QueryFilter + 'static>(
         let size = of.header.levels.first().map_or(UVec2::ONE, |l| l.size);
         pass.set_bind_group(0, group, &[]);
         pass.set_pipeline(first);
-        pass.dispatch_workgroups(size.x.div_ceil(REDUCE_TILE), size.y.div_ceil(REDUCE_TILE), 1);
+        pass.dispatch_workgroups(
+            size.x.div_ceil(REDUCE_TILE),
+            size.y.div_ceil(REDUCE_TILE),
+            1,
+        );
         if of.header.levels.len() > REDUCE_LEVELS {
             pass.set_pipeline(rest);
             pass.dispatch_workgroups(1, 1, 1);

@@ -6,11 +6,12 @@ use bevy::{
     prelude::*,
     render::render_resource::{
         binding_types::{
-            storage_buffer_read_only_sized, storage_buffer_sized, texture_depth_2d,
+            sampler, storage_buffer_read_only_sized, storage_buffer_sized, texture_depth_2d,
             texture_depth_2d_multisampled,
         },
         *,
     },
+    render::renderer::RenderDevice,
     shader::ShaderDefVal,
 };
 
@@ -27,13 +28,18 @@ pub struct OcclusionPipelines {
     pub reduce_multisampled: BindGroupLayoutDescriptor,
     pub verdicts: BindGroupLayoutDescriptor,
     pub late_draws: BindGroupLayoutDescriptor,
+    pub nearest: Sampler,
     queued_reduce: HashMap<ReduceKey, [CachedComputePipelineId; 2]>,
     queued_verdicts: Option<CachedComputePipelineId>,
     queued_late_draws: Option<CachedComputePipelineId>,
 }
 
 /// Makes the layouts; runs again after the device was lost.
-pub fn init_occlusion_pipelines(mut commands: Commands, assets: Res<AssetServer>) {
+pub fn init_occlusion_pipelines(
+    mut commands: Commands,
+    assets: Res<AssetServer>,
+    device: Res<RenderDevice>,
+) {
     let read = || storage_buffer_read_only_sized(false, None);
     let write = || storage_buffer_sized(false, None);
     let compute = ShaderStages::COMPUTE;
@@ -41,7 +47,15 @@ pub fn init_occlusion_pipelines(mut commands: Commands, assets: Res<AssetServer>
         assets: assets.clone(),
         reduce: BindGroupLayoutDescriptor::new(
             "skyline_depth_reduce",
-            &BindGroupLayoutEntries::sequential(compute, (read(), write(), texture_depth_2d())),
+            &BindGroupLayoutEntries::sequential(
+                compute,
+                (
+                    read(),
+                    write(),
+                    texture_depth_2d(),
+                    sampler(SamplerBindingType::NonFiltering),
+                ),
+            ),
         ),
         reduce_multisampled: BindGroupLayoutDescriptor::new(
             "skyline_depth_reduce_multisampled",
@@ -68,6 +82,10 @@ pub fn init_occlusion_pipelines(mut commands: Commands, assets: Res<AssetServer>
                 ),
             ),
         ),
+        nearest: device.create_sampler(&SamplerDescriptor {
+            label: Some("skyline_depth_reduce"),
+            ..default()
+        }),
         queued_reduce: HashMap::default(),
         queued_verdicts: None,
         queued_late_draws: None,
@@ -93,6 +111,10 @@ impl OcclusionPipelines {
             ];
             if key.strided {
                 defs.push("STRIDED".into());
+            } else if key.block == UVec2::ONE {
+                defs.push("PIXELS".into());
+            } else if key.block % 2 == UVec2::ZERO {
+                defs.push("EVEN_BLOCK".into());
             }
             if key.samples > 1 {
                 defs.push("MULTISAMPLED".into());
@@ -115,16 +137,15 @@ impl OcclusionPipelines {
             self.queued_verdicts = Some(cache.queue_compute_pipeline(descriptor));
         }
         if late && self.queued_late_draws.is_none() {
-            self.queued_late_draws = Some(cache.queue_compute_pipeline(
-                ComputePipelineDescriptor {
+            self.queued_late_draws =
+                Some(cache.queue_compute_pipeline(ComputePipelineDescriptor {
                     label: Some("late_draws".into()),
                     layout: vec![self.late_draws.clone()],
                     shader: shaders::late_draws(&self.assets),
                     shader_defs: vec!["WRITE_INDIRECT_PARAMETERS_METADATA".into()],
                     entry_point: Some("late_draws".into()),
                     ..default()
-                },
-            ));
+                }));
         }
     }
 

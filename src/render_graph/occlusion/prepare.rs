@@ -31,10 +31,7 @@ use super::{
 };
 
 /// Lets the depth of cameras that are read be read by a shader.
-pub fn make_depth_readable(
-    extracted: Res<ExtractedOcclusion>,
-    mut cameras: Query<&mut Camera3d>,
-) {
+pub fn make_depth_readable(extracted: Res<ExtractedOcclusion>, mut cameras: Query<&mut Camera3d>) {
     for camera in &extracted.cameras {
         if let Ok(mut camera) = cameras.get_mut(camera.render) {
             let usages =
@@ -53,7 +50,10 @@ type CameraData<'w> = (
 );
 
 /// Uploads the table and this frame's views.
-#[expect(clippy::too_many_arguments, reason = "it fills all of the effect's memory")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "it fills all of the effect's memory"
+)]
 pub fn prepare_occlusion(
     extracted: Res<ExtractedOcclusion>,
     mut table: ResMut<GpuOccludees>,
@@ -82,13 +82,15 @@ pub fn prepare_occlusion(
         table.set(*slot, of.as_ref());
     }
     // Mesh inputs of what came into a late view.
-    unplaced.retain(|(entity, slot)| match meshes.render_mesh_queue_data(*entity) {
-        Some(mesh) => {
-            table.note_input(mesh.current_uniform_index.0, *slot);
-            false
-        }
-        None => extracted.slots > *slot as usize,
-    });
+    unplaced.retain(
+        |(entity, slot)| match meshes.render_mesh_queue_data(*entity) {
+            Some(mesh) => {
+                table.note_input(mesh.current_uniform_index.0, *slot);
+                false
+            }
+            None => extracted.slots > *slot as usize,
+        },
+    );
     for camera in extracted.cameras.iter().filter(|c| c.rechecks) {
         let added = late_views
             .entity(camera.main)
@@ -119,7 +121,7 @@ pub fn prepare_occlusion(
         let size = resolution.map_or(view.viewport.zw(), |to| to.0);
         let clip_from_world = clip_from_world(view, jitter, size);
         let key = ReduceKey {
-            block: camera.sampling.block(),
+            block: camera.sampling.block(size),
             strided: camera.sampling.is_strided(),
             samples: msaa.samples(),
         };
@@ -190,7 +192,10 @@ pub struct LateDraws {
 pub struct LateDrawGroups(pub HashMap<Entity, Vec<LateDraws>>);
 
 /// Binds what this frame's passes need.
-#[expect(clippy::too_many_arguments, reason = "it binds all of the effect's passes")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "it binds all of the effect's passes"
+)]
 pub fn prepare_occlusion_bind_groups(
     extracted: Res<ExtractedOcclusion>,
     table: Res<GpuOccludees>,
@@ -211,17 +216,21 @@ pub fn prepare_occlusion_bind_groups(
         if let Ok(depth) = depths.get(camera.render) {
             let id = depth.view().id();
             if view.reduce_group.as_ref().is_none_or(|(of, _)| *of != id) {
-                let layout =
-                    cache.get_bind_group_layout(pipelines.reduce_layout(view.key.samples));
-                let group = device.create_bind_group(
-                    "skyline_depth_reduce",
-                    &layout,
-                    &BindGroupEntries::sequential((
-                        view.view.as_entire_binding(),
-                        view.reduced.as_entire_binding(),
-                        depth.view(),
-                    )),
+                let layout = cache.get_bind_group_layout(pipelines.reduce_layout(view.key.samples));
+                let (of, reduced) = (
+                    view.view.as_entire_binding(),
+                    view.reduced.as_entire_binding(),
                 );
+                let label = "skyline_depth_reduce";
+                let group = if view.key.samples > 1 {
+                    let entries = BindGroupEntries::sequential((of, reduced, depth.view()));
+                    device.create_bind_group(label, &layout, &entries)
+                } else {
+                    let nearest = &pipelines.nearest;
+                    let entries =
+                        BindGroupEntries::sequential((of, reduced, depth.view(), nearest));
+                    device.create_bind_group(label, &layout, &entries)
+                };
                 view.reduce_group = Some((id, group));
             }
         }

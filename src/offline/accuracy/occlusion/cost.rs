@@ -2,11 +2,7 @@
 
 use std::time::Instant;
 
-use bevy::{
-    camera::visibility::VisibilitySystems,
-    diagnostic::DiagnosticsStore,
-    prelude::*,
-};
+use bevy::{camera::visibility::VisibilitySystems, diagnostic::DiagnosticsStore, prelude::*};
 use serde::Serialize;
 
 use super::Timing;

@@ -153,7 +153,7 @@ impl Plan {
             OccludeeVolume::Obb,
             OccludeeVolume::Proxy { triangles: 100 },
         ];
-        let samplings = [2, 4, 8, 16]
+        let samplings = [0, 2, 4, 8, 16]
             .map(|block| Sampling::Conservative { block })
             .into_iter()
             .chain([Sampling::Strided { x: 5, y: 4 }]);
@@ -215,6 +215,7 @@ impl Setting {
                 OccludeeVolume::Proxy { .. } => "proxy",
             }),
             sampling: settings.map(|settings| match settings.sampling {
+                Sampling::Conservative { block: 0 } => "conservative".into(),
                 Sampling::Conservative { block } => format!("conservative-{block}"),
                 Sampling::Strided { x, y } => format!("strided-{x}x{y}"),
             }),
