@@ -31,6 +31,9 @@ mod occlusion_app;
 #[path = "it/occlusion_cases.rs"]
 mod occlusion_cases;
 #[cfg(feature = "cli")]
+#[path = "it/occlusion_life.rs"]
+mod occlusion_life;
+#[cfg(feature = "cli")]
 #[path = "it/occlusion_scenes.rs"]
 mod occlusion_scenes;
 #[cfg(feature = "cli")]

@@ -104,6 +104,21 @@ impl Sampling {
         .clamp(UVec2::ONE, UVec2::splat(MOST_BLOCK))
     }
 
+    /// What is wrong with it, in words, and what is done instead; `None` if nothing is.
+    pub fn complaint(self) -> Option<String> {
+        let (least, sides) = match self {
+            Self::Conservative { block } => (0, [block, block]),
+            Self::Strided { x, y } => (1, [x, y]),
+        };
+        let wrong = sides
+            .into_iter()
+            .find(|side| !(least..=MOST_BLOCK).contains(side))?;
+        let used = wrong.clamp(1, MOST_BLOCK);
+        Some(format!(
+            "the sampling's {wrong} px is not within {least}..={MOST_BLOCK}: {used} px is used"
+        ))
+    }
+
     /// Whether one pixel of a block is read instead of all.
     pub fn is_strided(self) -> bool {
         matches!(self, Self::Strided { .. })

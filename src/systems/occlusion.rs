@@ -553,6 +553,7 @@ pub fn report_occlusion(
     });
     if let Some(reason) = stats.unsupported.as_ref().or(no_recheck) {
         if !matches!(entry, EffectState::Unsupported(_)) {
+            warn!("nothing is removed by the depth buffer: {reason}");
             *entry = EffectState::Unsupported(reason.clone());
         }
         return;
@@ -561,7 +562,7 @@ pub fn report_occlusion(
         cpu_ms: table.update_ms,
         ..default()
     };
-    let (mut cameras_at_work, mut rests) = (0, None);
+    let (mut cameras_at_work, mut rests, mut wrong) = (0, None, None);
     for (settings, counts, state, camera) in &cameras {
         if !camera.is_active {
             continue;
@@ -571,6 +572,7 @@ pub fn report_occlusion(
             continue;
         }
         cameras_at_work += 1;
+        wrong = wrong.or_else(|| settings.sampling.complaint());
         total.candidates += counts.candidates;
         total.removed += counts.removed;
         total.rescued += counts.rescued;
@@ -601,6 +603,9 @@ pub fn report_occlusion(
         "{} of {} candidates removed, {} drawn late",
         total.removed, total.candidates, total.rescued
     );
+    if let Some(wrong) = wrong {
+        let _ = write!(activity.what, "; {wrong}");
+    }
     activity.cpu_ms = total.cpu_ms;
     activity.gpu_ms = store.as_deref().and_then(|store| paths.gpu_ms(store));
     activity.bytes = stats.bytes;

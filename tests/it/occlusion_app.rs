@@ -9,26 +9,26 @@ use bevy::{
 };
 use bevy_skyline::{offline::Offline, prelude::*};
 
-const SIZE: UVec2 = UVec2::new(160, 120);
+pub const SIZE: UVec2 = UVec2::new(160, 120);
 
 /// A scene that two cameras see from the same place: one culls, the other does not.
-struct Scene {
-    offline: Offline,
-    culling: Entity,
-    plain: Entity,
-    pictures: [Handle<Image>; 2],
-    wall: Entity,
-    boxes: Vec<Entity>,
+pub struct Scene {
+    pub offline: Offline,
+    pub culling: Entity,
+    pub plain: Entity,
+    pub pictures: [Handle<Image>; 2],
+    pub wall: Entity,
+    pub boxes: Vec<Entity>,
 }
 
 /// A position of the camera, and what it looks at.
-fn eye(from: Vec3, at: Vec3) -> Transform {
+pub fn eye(from: Vec3, at: Vec3) -> Transform {
     Transform::from_translation(from).looking_at(at, Vec3::Y)
 }
 
 impl Scene {
     /// A wall across the view, and behind it a field of boxes, each of its own colour, some alone, some in groups.
-    fn new<B: Bundle>(settings: ZBufferOcclusion, camera: impl Fn() -> B) -> Option<Self> {
+    pub fn new<B: Bundle>(settings: ZBufferOcclusion, camera: impl Fn() -> B) -> Option<Self> {
         let mut offline = crate::device()?;
         let pictures = [offline.target(SIZE), offline.target(SIZE)];
         let place = eye(Vec3::new(0.0, 2.0, 20.0), Vec3::new(0.0, 2.0, 0.0));
@@ -96,7 +96,7 @@ impl Scene {
         })
     }
 
-    fn look(&mut self, place: Transform) {
+    pub fn look(&mut self, place: Transform) {
         for camera in [self.culling, self.plain] {
             self.offline
                 .app
@@ -106,7 +106,7 @@ impl Scene {
         }
     }
 
-    fn step(&mut self) -> OcclusionCounts {
+    pub fn step(&mut self) -> OcclusionCounts {
         self.offline.step();
         *self
             .offline
@@ -117,7 +117,7 @@ impl Scene {
     }
 
     /// Pixels that differ between the two pictures, and pixels that show anything at all.
-    fn differing(&self) -> (usize, usize) {
+    pub fn differing(&self) -> (usize, usize) {
         let [culled, plain] = [0, 1].map(|i| {
             self.offline
                 .picture(&self.pictures[i])
@@ -132,7 +132,8 @@ impl Scene {
     }
 }
 
-fn always() -> ZBufferOcclusion {
+/// Culls, whether it pays or not.
+pub fn always() -> ZBufferOcclusion {
     ZBufferOcclusion {
         rests: false,
         ..default()

@@ -17,14 +17,16 @@ use bevy::{
 use bytemuck::Pod;
 
 use crate::occlusion::{
-    bits::Bits,
-    camera::{Mailbox, Returned},
+    camera::Returned,
     depth::{GpuOcclusionView, ReducedDepth},
     occludees::{NO_SLOT, Occludee},
     volume::Proxy,
 };
 
-use super::super::occludee_verdicts::{GpuOccludee, GpuSweptTriangle};
+use super::{
+    super::occludee_verdicts::{GpuOccludee, GpuSweptTriangle},
+    extract::ExtractedOcclusionCamera,
+};
 
 /// A growing array of plain values and its copy on the GPU. Only what changed is uploaded.
 pub struct GpuTable<T> {
@@ -257,12 +259,17 @@ impl ViewOcclusion {
         &mut self,
         device: &RenderDevice,
         encoder: &mut CommandEncoder,
-        mailbox: &Mailbox,
-        to_test: &Bits,
-        removed: &Bits,
+        camera: &ExtractedOcclusionCamera,
         frame: u32,
     ) {
-        let (depth_bytes, words) = (4 * self.texels as u64, to_test.as_words().len());
+        let texels = if camera.sends_depth { self.texels } else { 0 };
+        let ExtractedOcclusionCamera {
+            mailbox,
+            to_test,
+            removed_slots: removed,
+            ..
+        } = camera;
+        let (depth_bytes, words) = (4 * texels as u64, to_test.as_words().len());
         let bytes = depth_bytes + 4 * words as u64;
         let free = self
             .staging
@@ -281,7 +288,9 @@ impl ViewOcclusion {
         }
         let Staging { buffer, busy } = &self.staging[i];
         busy.store(true, Ordering::Release);
-        encoder.copy_buffer_to_buffer(&self.reduced, 0, buffer, 0, depth_bytes);
+        if depth_bytes > 0 {
+            encoder.copy_buffer_to_buffer(&self.reduced, 0, buffer, 0, depth_bytes);
+        }
         if self.tests && words > 0 {
             encoder.copy_buffer_to_buffer(&self.hidden, 0, buffer, depth_bytes, 4 * words as u64);
         }
@@ -298,7 +307,7 @@ impl ViewOcclusion {
         was_removed.clone_from(removed);
         hidden.clear(words * 32);
         *of_frame = frame;
-        let (tests, texels) = (self.tests, self.texels);
+        let tests = self.tests;
         let (mailbox, staging, busy) = (mailbox.clone(), buffer.clone(), busy.clone());
         encoder.map_buffer_on_submit(buffer, MapMode::Read, ..bytes, move |result| {
             if result.is_ok() {

@@ -24,6 +24,8 @@ pub struct ExtractedOcclusionCamera {
     pub render: Entity,
     /// How its depth is read.
     pub sampling: Sampling,
+    /// Whether the depth itself is sent back, and not only verdicts.
+    pub sends_depth: bool,
     /// Whether removed entities are tested again.
     pub rechecks: bool,
     /// What was removed, with its slot, sorted by entity.
@@ -95,6 +97,7 @@ pub fn extract_occlusion(
                 main,
                 render,
                 sampling: settings.sampling,
+                sends_depth: true,
                 rechecks: false,
                 removed: Vec::new(),
                 removed_slots: Bits::default(),
@@ -103,6 +106,7 @@ pub fn extract_occlusion(
             },
         };
         to.sampling = settings.sampling;
+        to.sends_depth = !state.predicts_on_gpu;
         to.rechecks = settings.recheck == Recheck::SameFrame;
         to.removed.clear();
         if to.rechecks {

@@ -149,14 +149,7 @@ pub fn recheck<F: QueryFilter + 'static>(
         done.late += 1;
     }
     if reduced.is_some() {
-        of.send(
-            &device,
-            encoder,
-            &camera.mailbox,
-            &camera.to_test,
-            &camera.removed_slots,
-            extracted.frame,
-        );
+        of.send(&device, encoder, camera, extracted.frame);
     }
 }
 
