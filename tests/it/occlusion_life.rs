@@ -117,6 +117,8 @@ fn what_has_no_safe_bound_is_left_in() {
     let Some(mut scene) = forward(always()) else {
         return;
     };
+    // So that each has its `Aabb`.
+    scene.step();
     let [out, unbounded, skinned, own, plain] = [7, 22, 37, 52, 67].map(|i| scene.boxes[i]);
     let world = scene.offline.app.world_mut();
     world.entity_mut(out).insert(NoOcclusionCulling);
