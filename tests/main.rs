@@ -34,6 +34,9 @@ mod occlusion_cases;
 #[path = "it/occlusion_life.rs"]
 mod occlusion_life;
 #[cfg(feature = "cli")]
+#[path = "it/occlusion_motion.rs"]
+mod occlusion_motion;
+#[cfg(feature = "cli")]
 #[path = "it/occlusion_scenes.rs"]
 mod occlusion_scenes;
 #[cfg(feature = "cli")]
