@@ -94,6 +94,8 @@ pub struct Returned {
     pub removed: Bits,
     /// Number of that frame.
     pub frame: u32,
+    /// Which table the slots are of.
+    pub epoch: u32,
 }
 
 /// Where the render world leaves what has come back. Memory goes round: nothing is allocated in steady state.
@@ -151,12 +153,17 @@ pub struct OcclusionCamera {
     pub(crate) to_test: Bits,
     /// Verdicts on groups this frame: 0 unknown, else 1 + the verdict.
     pub(crate) groups: Vec<u8>,
+    /// Memory for the way from a group up.
+    pub(crate) group_path: Vec<u32>,
     /// The newest that has come back.
     pub(crate) newest: Option<Returned>,
     /// Whether the depth of this frame is reduced and read back.
     pub(crate) reads: bool,
     /// Whether all candidates are tested by the GPU this frame.
     pub(crate) predicts_on_gpu: bool,
+    /// Candidates left in view last frame, and whose turn it is to be tested.
+    pub(crate) seen_candidates: u32,
+    pub(crate) turn: u32,
     pub(crate) mailbox: Mailbox,
     pub(crate) pace: Pace,
 }

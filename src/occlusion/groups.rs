@@ -25,7 +25,10 @@ pub struct Group {
     groups: Vec<u32>,
     /// Encloses everything in the group, in world space; `None` where something in it has no finite bound.
     bound: Option<LocalBox>,
+    /// Whether something in it changed since its bound was made. What is above a stale group is stale.
     stale: bool,
+    /// Whether it stands for an entity, or waits to be used again.
+    live: bool,
 }
 
 impl Group {
@@ -45,20 +48,28 @@ impl Group {
 pub struct Groups {
     groups: Vec<Group>,
     of_owner: EntityHashMap<u32>,
-    of_slot: Vec<u32>,
+    /// Of each slot: its group, and where it stands among the group's slots.
+    of_slot: Vec<(u32, u32)>,
     any_stale: bool,
     free: Vec<u32>,
+    /// Groups still to be refreshed, each after those below it.
+    pending: Vec<u32>,
 }
 
 impl Groups {
     /// The group a slot is in.
     pub fn of(&self, slot: u32) -> u32 {
-        self.of_slot.get(slot as usize).copied().unwrap_or(NO_GROUP)
+        self.of_slot.get(slot as usize).map_or(NO_GROUP, |of| of.0)
     }
 
     /// How many groups there have been at one time.
     pub fn len(&self) -> usize {
         self.groups.len()
+    }
+
+    /// Whether there has never been a group.
+    pub fn is_empty(&self) -> bool {
+        self.groups.is_empty()
     }
 
     /// A group.
@@ -75,37 +86,35 @@ impl Groups {
         };
         let group = self.group_of(owner);
         if self.of_slot.len() <= slot as usize {
-            self.of_slot.resize(slot as usize + 1, NO_GROUP);
+            self.of_slot.resize(slot as usize + 1, (NO_GROUP, 0));
         }
-        self.of_slot[slot as usize] = group;
-        self.groups[group as usize].slots.push(slot);
+        let slots = &mut self.groups[group as usize].slots;
+        self.of_slot[slot as usize] = (group, slots.len() as u32);
+        slots.push(slot);
+        self.touch_group(group);
         let mut below = group;
         for owner in ancestors {
             let above = self.group_of(owner);
-            let old = self.groups[below as usize].parent;
-            if old != above {
-                self.unlink(below);
-                self.groups[below as usize].parent = above;
-                self.groups[above as usize].groups.push(below);
-            }
+            self.link(below, above);
             below = above;
         }
-        if self.groups[below as usize].parent != NO_GROUP {
-            self.unlink(below);
-        }
-        self.touch(slot);
+        self.link(below, NO_GROUP);
     }
 
     /// Takes a slot out of its group.
     pub fn leave(&mut self, slot: u32) {
-        let Some(group) = self.of_slot.get_mut(slot as usize) else {
+        let Some(of) = self.of_slot.get_mut(slot as usize) else {
             return;
         };
-        let group = core::mem::replace(group, NO_GROUP);
+        let (group, at) = core::mem::replace(of, (NO_GROUP, 0));
         if group == NO_GROUP {
             return;
         }
-        self.groups[group as usize].slots.retain(|s| *s != slot);
+        let slots = &mut self.groups[group as usize].slots;
+        slots.swap_remove(at as usize);
+        if let Some(moved) = slots.get(at as usize) {
+            self.of_slot[*moved as usize].1 = at;
+        }
         self.touch_group(group);
         self.free_if_empty(group);
     }
@@ -117,49 +126,51 @@ impl Groups {
 
     /// Brings the bounds of all groups up to date. Work is caused by change: groups in which nothing moved cost
     /// nothing.
-    pub fn refresh<'a>(&mut self, occludee: impl Fn(u32) -> Option<&'a Occludee> + Copy) {
+    pub fn refresh<'a>(&mut self, occludee: impl Fn(u32) -> Option<&'a Occludee>) {
         if !core::mem::take(&mut self.any_stale) {
             return;
         }
-        for group in 0..self.groups.len() as u32 {
-            self.refresh_group(group, occludee);
+        let mut pending = core::mem::take(&mut self.pending);
+        for root in 0..self.groups.len() as u32 {
+            pending.push(root);
+            while let Some(group) = pending.last().copied() {
+                let state = &self.groups[group as usize];
+                if !state.stale || !state.live {
+                    pending.pop();
+                    continue;
+                }
+                let before = pending.len();
+                let below = state.groups.iter().copied();
+                pending.extend(below.filter(|g| self.groups[*g as usize].stale));
+                if pending.len() == before {
+                    pending.pop();
+                    self.refresh_group(group, &occludee);
+                }
+            }
         }
+        self.pending = pending;
     }
 
-    fn refresh_group<'a>(
-        &mut self,
-        group: u32,
-        occludee: impl Fn(u32) -> Option<&'a Occludee> + Copy,
-    ) {
-        if !core::mem::take(&mut self.groups[group as usize].stale) {
-            return;
-        }
-        let below = core::mem::take(&mut self.groups[group as usize].groups);
-        for child in &below {
-            self.refresh_group(*child, occludee);
-        }
+    /// Makes a group's bound from those below it, which are up to date.
+    fn refresh_group<'a>(&mut self, group: u32, occludee: &impl Fn(u32) -> Option<&'a Occludee>) {
+        let state = &self.groups[group as usize];
+        let unbounded = (Vec3A::NAN, Vec3A::NAN);
+        let of_groups = state.groups.iter().map(|child| {
+            let bound = self.groups[*child as usize].bound.as_ref();
+            bound.map_or(unbounded, |bound| reach_of(&Affine3A::IDENTITY, bound))
+        });
+        let of_slots = state.slots.iter().filter_map(|slot| {
+            occludee(*slot).map(|of| reach_of(&of.world_from_local, &of.volume))
+        });
         let mut reach = Some((Vec3A::INFINITY, Vec3A::NEG_INFINITY));
-        let mut add = |(low, high): (Vec3A, Vec3A)| {
-            reach = reach.filter(|_| low.is_finite() && high.is_finite());
-            if let Some(reach) = &mut reach {
-                *reach = (reach.0.min(low), reach.1.max(high));
-            }
-        };
-        for child in &below {
-            add(self.groups[*child as usize]
-                .bound
-                .as_ref()
-                .map_or((Vec3A::NAN, Vec3A::NAN), |bound| {
-                    reach_of(&Affine3A::IDENTITY, bound)
-                }));
+        for (low, high) in of_groups.chain(of_slots) {
+            reach = reach
+                .filter(|_| low.is_finite() && high.is_finite())
+                .map(|reach| (reach.0.min(low), reach.1.max(high)));
         }
-        for slot in &self.groups[group as usize].slots {
-            if let Some(occludee) = occludee(*slot) {
-                add(reach_of(&occludee.world_from_local, &occludee.volume));
-            }
-        }
-        self.groups[group as usize].groups = below;
-        self.groups[group as usize].bound = reach
+        let state = &mut self.groups[group as usize];
+        state.stale = false;
+        state.bound = reach
             .filter(|(low, high)| low.cmple(*high).all())
             .map(|(low, high)| between(low, high));
     }
@@ -175,7 +186,9 @@ impl Groups {
             groups: Vec::new(),
             bound: None,
             stale: true,
+            live: true,
         };
+        self.any_stale = true;
         let group = match self.free.pop() {
             Some(group) => {
                 self.groups[group as usize] = new;
@@ -191,7 +204,6 @@ impl Groups {
     }
 
     fn touch_group(&mut self, mut group: u32) {
-        // What is above a stale group is stale.
         while let Some(state) = self.groups.get_mut(group as usize)
             && !state.stale
         {
@@ -201,21 +213,43 @@ impl Groups {
         self.any_stale = true;
     }
 
-    fn unlink(&mut self, group: u32) {
-        let parent = core::mem::replace(&mut self.groups[group as usize].parent, NO_GROUP);
-        if parent != NO_GROUP {
-            self.groups[parent as usize].groups.retain(|g| *g != group);
-            self.touch_group(parent);
-            self.free_if_empty(parent);
+    /// Puts a group below another, or below none.
+    fn link(&mut self, below: u32, above: u32) {
+        let old = core::mem::replace(&mut self.groups[below as usize].parent, above);
+        if old == above {
+            // It may have become stale while what is above it was not told.
+            self.touch_group(above);
+            return;
+        }
+        if above != NO_GROUP {
+            self.groups[above as usize].groups.push(below);
+            self.touch_group(above);
+        }
+        if old != NO_GROUP {
+            self.groups[old as usize].groups.retain(|g| *g != below);
+            self.touch_group(old);
+            self.free_if_empty(old);
         }
     }
 
-    fn free_if_empty(&mut self, group: u32) {
-        let state = &self.groups[group as usize];
-        if state.slots.is_empty() && state.groups.is_empty() {
-            self.of_owner.remove(&state.owner);
-            self.unlink(group);
+    fn free_if_empty(&mut self, mut group: u32) {
+        while let Some(state) = self.groups.get_mut(group as usize)
+            && state.live
+            && state.slots.is_empty()
+            && state.groups.is_empty()
+        {
+            state.live = false;
+            let parent = core::mem::replace(&mut state.parent, NO_GROUP);
+            let owner = state.owner;
+            if self.of_owner.get(&owner) == Some(&group) {
+                self.of_owner.remove(&owner);
+            }
             self.free.push(group);
+            if let Some(above) = self.groups.get_mut(parent as usize) {
+                above.groups.retain(|g| *g != group);
+                self.touch_group(parent);
+            }
+            group = parent;
         }
     }
 }
@@ -313,6 +347,52 @@ mod tests {
         // Without members there are no groups.
         (0..3).for_each(|slot| groups.leave(slot));
         assert!(groups.of_owner.is_empty());
+    }
+
+    #[test]
+    fn a_group_that_comes_below_one_that_was_there_is_in_its_bound() {
+        let mut world = World::new();
+        let e: Vec<Entity> = (0..6).map(|_| world.spawn_empty().id()).collect();
+        let objects = [at(e[0], 0.0), at(e[1], 10.0), at(e[2], 500.0)];
+        let mut groups = Groups::default();
+        groups.place(0, [e[3]]);
+        groups.place(1, [e[3]]);
+        groups.refresh(|slot| objects.get(slot as usize));
+        groups.place(2, [e[4], e[3]]);
+        groups.refresh(|slot| objects.get(slot as usize));
+        let root = groups.get(groups.of(0)).and_then(Group::bound);
+        assert!(holds(root.unwrap(), -1.0, 501.0));
+    }
+
+    #[test]
+    fn a_model_taken_out_of_the_middle_of_a_chain_leaves_no_loop() {
+        let mut world = World::new();
+        let e: Vec<Entity> = (0..9).map(|_| world.spawn_empty().id()).collect();
+        let [root, mid, model, x, y] = [e[0], e[1], e[2], e[3], e[4]];
+        let objects: Vec<Occludee> = (0..4).map(|i| at(e[5 + i % 4], i as f32)).collect();
+        let mut groups = Groups::default();
+        for slot in 0..2 {
+            groups.place(slot, [model, mid, root]);
+        }
+        groups.refresh(|slot| objects.get(slot as usize));
+        for slot in 0..2 {
+            groups.place(slot, [model, root]);
+        }
+        for slot in 2..4 {
+            groups.place(slot, [x, y]);
+        }
+        groups.refresh(|slot| objects.get(slot as usize));
+        for slot in 0..4 {
+            let (mut group, mut steps) = (groups.of(slot), 0);
+            while group != NO_GROUP {
+                group = groups.get(group).unwrap().parent;
+                steps += 1;
+                assert!(steps < 5, "a loop above slot {slot}");
+            }
+            assert_eq!(steps, 2);
+        }
+        assert_eq!(groups.of_owner.len(), 4);
+        assert_eq!(groups.free.len() + groups.of_owner.len(), groups.len());
     }
 
     #[test]

@@ -34,6 +34,8 @@ pub struct Occludee {
 #[derive(Resource, Default)]
 pub struct Occludees {
     slots: Vec<Option<Occludee>>,
+    /// The entity of each slot, by itself so that looking a slot up stays in the cache; a placeholder's in free ones.
+    entities: Vec<Entity>,
     /// Slot of an entity by its index; whether it is that entity's and not an older one's, `slots` says.
     slot_of_index: Vec<u32>,
     free: VecDeque<(u64, u32)>,
@@ -43,6 +45,8 @@ pub struct Occludees {
     /// Slots given to an entity since the last [`begin`](Self::begin).
     assigned: Vec<u32>,
     frame: u64,
+    /// How often everything was forgotten: slots of other epochs are others'.
+    epoch: u32,
     /// Time that keeping it up took this frame. units: ms
     pub(crate) update_ms: f32,
     /// Groups of occludees, by the entity hierarchy.
@@ -74,11 +78,15 @@ impl Occludees {
         self.len() == 0
     }
 
+    /// Changes when slots are given anew.
+    pub fn epoch(&self) -> u32 {
+        self.epoch
+    }
+
     /// The slot of an entity.
     pub fn slot(&self, entity: Entity) -> Option<u32> {
         let slot = *self.slot_of_index.get(entity.index_u32() as usize)?;
-        let occludee = self.slots.get(slot as usize)?.as_ref()?;
-        (occludee.entity == entity).then_some(slot)
+        (*self.entities.get(slot as usize)? == entity).then_some(slot)
     }
 
     /// What is in a slot.
@@ -124,6 +132,7 @@ impl Occludees {
                     }
                     _ => {
                         self.slots.push(None);
+                        self.entities.push(Entity::PLACEHOLDER);
                         self.is_dirty.push(false);
                         self.slots.len() as u32 - 1
                     }
@@ -136,6 +145,7 @@ impl Occludees {
                 slot
             }
         };
+        self.entities[slot as usize] = occludee.entity;
         self.slots[slot as usize] = Some(occludee);
         self.mark(slot);
         slot
@@ -170,12 +180,14 @@ impl Occludees {
     pub(crate) fn forget(&mut self) {
         *self = Self {
             frame: self.frame,
+            epoch: self.epoch.wrapping_add(1),
             ..default()
         };
     }
 
     fn free_slot(&mut self, slot: u32) {
         if self.slots[slot as usize].take().is_some() {
+            self.entities[slot as usize] = Entity::PLACEHOLDER;
             self.groups.leave(slot);
             self.free.push_back((self.frame, slot));
             self.mark(slot);

@@ -57,6 +57,8 @@ pub struct Pace {
     /// Of the last frames worked: what culling took.
     own: Ring,
     unpaid: usize,
+    /// Objects in view when it began to rest.
+    resting_with: usize,
     /// Median of frames while it worked, to be compared with those while it rests.
     worked_ms: Option<f32>,
     /// Frames for which the estimate is not asked, because measuring contradicted it.
@@ -99,10 +101,11 @@ impl Pace {
         }
         let next = match self.plan {
             Plan::Work => self.worked(frame),
-            Plan::Rest => self.rested(),
+            Plan::Rest => self.rested(frame),
             Plan::Probe => self.probed(frame),
         };
         if next != self.plan {
+            self.resting_with = frame.in_view;
             self.plan = next;
             self.frames = 0;
         }
@@ -130,7 +133,7 @@ impl Pace {
         Plan::Rest
     }
 
-    fn rested(&mut self) -> Plan {
+    fn rested(&mut self, frame: &Frame) -> Plan {
         // Measured: was it faster with culling after all?
         if self.frames as usize >= WINDOW
             && let (Some(worked), Some(resting)) = (self.worked_ms, self.recent.median())
@@ -141,6 +144,13 @@ impl Pace {
                 self.rest = 0;
                 return Plan::Work;
             }
+        }
+        // Another scene may be worth another look.
+        let (was, is) = (self.resting_with, frame.in_view);
+        let another = is.abs_diff(was) * 4 > was.max(64);
+        if another && self.frames as usize >= WINDOW {
+            self.rest = 0;
+            return Plan::Probe;
         }
         if self.frames < self.rest {
             Plan::Rest
@@ -256,6 +266,15 @@ mod tests {
             frame(10.0, 0.2, 1000, if plan == Plan::Rest { 0 } else { 500 })
         });
         assert!(work > 0 && pace.plan() == Plan::Work);
+    }
+
+    #[test]
+    fn another_scene_is_looked_at_soon() {
+        let mut pace = Pace::default();
+        run(&mut pace, 3000, |_| frame(10.0, 0.2, 1000, 0));
+        assert!(pace.plan() == Plan::Rest && pace.frames_to_probe() > 100);
+        let [work, probe, _] = run(&mut pace, 40, |_| frame(10.0, 0.2, 5000, 4000));
+        assert!(probe == 1 && work > 0, "{probe} {work}");
     }
 
     #[test]

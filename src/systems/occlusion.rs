@@ -20,7 +20,6 @@ use crate::{
     occlusion::{
         CulledEntities, NoOcclusionCulling, OccludeeVolume, OcclusionCamera, OcclusionCounts,
         Recheck, ZBufferOcclusion,
-        groups::NO_GROUP,
         meshes::OccludeeMeshes,
         obb::aligned,
         occludees::{Occludee, Occludees},
@@ -31,10 +30,12 @@ use crate::{
 };
 
 /// Passes that occlusion culling's GPU time is the sum of.
-const SPANS: [&str; 4] = [
+const SPANS: [&str; 6] = [
     "depth_reduce",
     "occludee_verdicts",
     "late_draws",
+    "late_view_prepass",
+    "late_view_deferred",
     "late_opaque",
 ];
 
@@ -46,6 +47,12 @@ pub const REMOVED: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion
 pub const RESCUED: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/rescued");
 /// Time of keeping the table, testing and removing, over all cameras. units: ms
 pub const CPU_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/cpu_ms");
+
+/// Candidates not hidden that the CPU tests in one frame, about; the others have their turn in the next ones. Nothing
+/// but time is lost with it: they are drawn.
+const SEEN_TESTS: u32 = 1000;
+/// Frames after which each of them had its turn, at most.
+const MOST_TURNS: u32 = 16;
 
 /// What [`update_occludees`] looks at.
 #[derive(QueryData)]
@@ -82,7 +89,8 @@ impl OccludeeQueryItem<'_, '_> {
     fn occludee(&self, meshes: &OccludeeMeshes, volume: OccludeeVolume) -> Occludee {
         let known = (self.is_as_its_mesh() && volume != OccludeeVolume::Aabb)
             .then(|| meshes.get(self.mesh.id()))
-            .flatten();
+            .flatten()
+            .filter(|mesh| mesh.bounds_all_of(self.aabb));
         let proxies = matches!(volume, OccludeeVolume::Proxy { .. });
         Occludee {
             entity: self.entity,
@@ -98,17 +106,18 @@ impl OccludeeQueryItem<'_, '_> {
     }
 }
 
-/// What makes [`update_occludees`] look at an entity again.
-type OccludeeChanged = Or<(
-    Changed<Mesh3d>,
-    Changed<Aabb>,
-    Changed<ChildOf>,
-    Added<NoOcclusionCulling>,
-    Added<NoAutoAabb>,
-    Added<SkinnedMesh>,
-    Added<MeshMorphWeights>,
-    Added<NoFrustumCulling>,
-)>;
+/// What makes [`update_occludees`] look at an entity again, of what every mesh has.
+type MeshChanged = Or<(Changed<Mesh3d>, Changed<Aabb>)>;
+
+/// The same, of what few have: filters apart, so that a scene's meshes are not gone through once for each.
+type FewChanged<'w, 's> = (
+    Query<'w, 's, OccludeeQuery, Changed<ChildOf>>,
+    Query<'w, 's, OccludeeQuery, Added<NoOcclusionCulling>>,
+    Query<'w, 's, OccludeeQuery, Added<NoAutoAabb>>,
+    Query<'w, 's, OccludeeQuery, Added<NoFrustumCulling>>,
+    Query<'w, 's, OccludeeQuery, Added<SkinnedMesh>>,
+    Query<'w, 's, OccludeeQuery, Added<MeshMorphWeights>>,
+);
 
 /// Keeps [`Occludees`] as the scene is. While no camera asks for culling the table is empty and this does nothing;
 /// otherwise the work is that of what changed.
@@ -119,7 +128,8 @@ pub fn update_occludees(
     mut meshes: ResMut<OccludeeMeshes>,
     mut wanted: Local<Option<OccludeeVolume>>,
     everything: Query<OccludeeQuery>,
-    changed: Query<OccludeeQuery, OccludeeChanged>,
+    changed: Query<OccludeeQuery, MeshChanged>,
+    few: FewChanged,
     moved: Query<(Entity, &GlobalTransform), (With<Mesh3d>, Changed<GlobalTransform>)>,
     parents: Query<&ChildOf>,
     children: Query<&Children>,
@@ -174,13 +184,23 @@ pub fn update_occludees(
         for item in &everything {
             put(table, item);
         }
+        // All that has been taken away until now has been seen to.
+        no_parent.clear();
+        no_mesh.clear();
+        no_aabb.clear();
         table.update_ms = began.elapsed().as_secs_f32() * 1e3;
         return;
     }
     for entity in no_mesh.read().chain(no_aabb.read()) {
         table.remove(entity);
     }
-    for item in &changed {
+    let few = (few.0.iter())
+        .chain(few.1.iter())
+        .chain(few.2.iter())
+        .chain(few.3.iter())
+        .chain(few.4.iter())
+        .chain(few.5.iter());
+    for item in changed.iter().chain(few) {
         put(table, item);
     }
     let again = let_in
@@ -211,7 +231,7 @@ pub fn update_occludees(
     if !meshes.changed().is_empty() {
         let of_changed: Vec<Entity> = table
             .iter()
-            .filter(|(_, occludee)| meshes.changed().contains(&occludee.mesh))
+            .filter(|(_, occludee)| meshes.changed().binary_search(&occludee.mesh).is_ok())
             .map(|(_, occludee)| occludee.entity)
             .collect();
         for item in everything.iter_many(of_changed) {
@@ -276,32 +296,29 @@ pub fn cull_occluded(
         let removes = plan == Plan::Work && (ready || !rechecks_here);
         let culled = removes.then_some(&mut culled.occluded);
         let list = visible.get_mut(TypeId::of::<Mesh3d>());
-        let judged = cull_camera(settings, &mut state, table, list, plan, culled, &mut counts);
+        let in_list = list.len();
+        let hidden = cull_camera(settings, &mut state, table, list, plan, culled, &mut counts);
         counts.age = state
             .newest
             .as_ref()
             .map_or(0, |newest| frame.0.wrapping_sub(newest.frame));
         counts.cpu_ms = began.elapsed().as_secs_f32() * 1e3;
         if works && settings.rests {
-            let kept_out = if plan == Plan::Probe {
-                state.hidden.count()
-            } else {
-                (counts.removed as usize).saturating_sub(counts.rescued as usize)
-            };
             let frame = Frame {
                 frame_ms: time.delta_secs() * 1e3,
                 own_ms: table.update_ms + counts.cpu_ms + gpu_ms,
-                in_view: counts.candidates as usize,
-                removed: kept_out,
-                judged,
+                in_view: in_list,
+                removed: hidden.unwrap_or(0).saturating_sub(counts.rescued) as usize,
+                // While shaders are compiled nothing can be said of what culling saves.
+                judged: hidden.is_some() && (removes || plan == Plan::Probe),
             };
             state.pace.step(&frame);
         }
     }
 }
 
-/// One camera's share of [`cull_occluded`]. Removes only if there is a `culled` to note it in. Returns whether a
-/// verdict was there.
+/// One camera's share of [`cull_occluded`]. Removes only if there is a `culled` to note it in. Returns how many in view
+/// are hidden, removed or not; `None` without a verdict.
 fn cull_camera(
     settings: &ZBufferOcclusion,
     state: &mut OcclusionCamera,
@@ -310,7 +327,7 @@ fn cull_camera(
     plan: Plan,
     mut culled: Option<&mut Vec<Entity>>,
     counts: &mut OcclusionCounts,
-) -> bool {
+) -> Option<u32> {
     let slots = table.slots();
     *counts = OcclusionCounts {
         // Of the newest verdicts, until newer ones come.
@@ -335,13 +352,20 @@ fn cull_camera(
         if let Some(late) = state.mailbox.take() {
             state.mailbox.recycle(late);
         }
-        return false;
+        return None;
     }
     state.hidden.grow(slots);
     for slot in table.assigned() {
         state.hidden.remove(*slot);
     }
-    let fresh = state.mailbox.take();
+    let fresh = match state.mailbox.take() {
+        // Of a table that was forgotten: its slots are others'.
+        Some(old) if old.epoch != table.epoch() => {
+            state.mailbox.recycle(old);
+            None
+        }
+        fresh => fresh,
+    };
     let is_fresh = fresh.is_some();
     if let Some(fresh) = fresh {
         // What was removed and then found visible was drawn late, and is drawn early from now on.
@@ -353,7 +377,15 @@ fn cull_camera(
             state.mailbox.recycle(old);
         }
     }
-    let on_gpu = list.len() >= settings.gpu_from;
+    let on_gpu = slots > 0 && list.len() >= settings.gpu_from;
+    // What is seen is tested in turns where there is much of it.
+    let seen = state.seen_candidates;
+    let turns = match plan {
+        Plan::Probe => 1,
+        _ => seen.div_ceil(SEEN_TESTS).clamp(1, MOST_TURNS),
+    };
+    state.turn = state.turn.wrapping_add(u32::from(is_fresh));
+    let turn = state.turn % turns;
     let is_final = settings.recheck == Recheck::Never;
     let tester = state
         .newest
@@ -364,6 +396,7 @@ fn cull_camera(
         table,
         tester,
         groups: &mut state.groups,
+        path: &mut state.group_path,
         tested: 0,
         spared: 0,
     };
@@ -371,7 +404,7 @@ fn cull_camera(
     if is_final {
         state.in_view_now.clear(slots);
     }
-    let mut candidates = 0;
+    let (mut candidates, mut hidden_ones) = (0, 0);
     list.retain(|entity| {
         let Some(slot) = table.slot(*entity) else {
             return true;
@@ -388,7 +421,12 @@ fn cull_camera(
             state.to_test.insert(slot);
         }
         // The recheck says of what was removed whether it still is hidden.
-        if is_final || !state.hidden.contains(slot) {
+        let hidden = state.hidden.contains(slot);
+        if if hidden {
+            is_final
+        } else {
+            slot % turns == turn
+        } {
             match descent.verdict(slot) {
                 Some(Verdict::Hidden) => state.hidden.insert(slot),
                 Some(Verdict::Visible | Verdict::Outside) => state.hidden.remove(slot),
@@ -398,6 +436,7 @@ fn cull_camera(
         if !state.hidden.contains(slot) {
             return true;
         }
+        hidden_ones += 1;
         let Some(culled) = &mut culled else {
             return true;
         };
@@ -413,11 +452,12 @@ fn cull_camera(
     }
     state.predicts_on_gpu = on_gpu;
     counts.candidates = candidates;
+    state.seen_candidates = candidates - state.removed.count() as u32;
     counts.removed = culled.map_or(0, |culled| culled.len() as u32);
     counts.tested = descent.tested;
     counts.spared = descent.spared;
     counts.on_gpu = on_gpu;
-    state.newest.is_some()
+    state.newest.is_some().then_some(hidden_ones)
 }
 
 /// Tests volumes, groups first: what is in a hidden or absent group is not tested.
@@ -426,6 +466,8 @@ struct Descent<'a> {
     tester: Option<DepthTest<'a>>,
     /// By group: 0 not known yet, else what its verdict is.
     groups: &'a mut Vec<u8>,
+    /// Groups to be tested, from the lowest up.
+    path: &'a mut Vec<u32>,
     tested: u32,
     spared: u32,
 }
@@ -458,28 +500,36 @@ impl Descent<'_> {
         ))
     }
 
+    /// Groups above first: one that is hidden or absent decides for all below it.
     fn group(&mut self, group: u32) -> Verdict {
         const KNOWN: [Verdict; 3] = [Verdict::Visible, Verdict::Hidden, Verdict::Outside];
-        if group == NO_GROUP {
-            return Verdict::Visible;
+        let mut verdict = Verdict::Visible;
+        self.path.clear();
+        let mut above = group;
+        while let Some(state) = self.table.groups.get(above) {
+            match self.groups[above as usize] {
+                0 => self.path.push(above),
+                known => {
+                    verdict = KNOWN[known as usize - 1];
+                    break;
+                }
+            }
+            above = state.parent;
         }
-        match self.groups[group as usize] {
-            0 => {}
-            known => return KNOWN[known as usize - 1],
+        while let Some(group) = self.path.pop() {
+            if verdict == Verdict::Visible
+                && let Some(state) = self.table.groups.get(group).filter(|g| g.spares())
+                && let (Some(bound), Some(tester)) = (state.bound(), &self.tester)
+            {
+                self.tested += 1;
+                verdict = tester.verdict(&bevy::math::Affine3A::IDENTITY, bound, None);
+            }
+            self.groups[group as usize] = match verdict {
+                Verdict::Visible => 1,
+                Verdict::Hidden => 2,
+                Verdict::Outside => 3,
+            };
         }
-        let Some(state) = self.table.groups.get(group) else {
-            return Verdict::Visible;
-        };
-        let mut verdict = self.group(state.parent);
-        if verdict == Verdict::Visible
-            && state.spares()
-            && let (Some(bound), Some(tester)) = (state.bound(), &self.tester)
-        {
-            self.tested += 1;
-            verdict = tester.verdict(&bevy::math::Affine3A::IDENTITY, bound, None);
-        }
-        self.groups[group as usize] =
-            1 + KNOWN.iter().position(|v| *v == verdict).unwrap_or(0) as u8;
         verdict
     }
 }

@@ -5,6 +5,7 @@ mod source;
 use std::{collections::VecDeque, sync::Arc};
 
 use bevy::{
+    camera::primitives::Aabb,
     platform::collections::HashMap,
     prelude::*,
     tasks::{AsyncComputeTaskPool, Task, futures::check_ready},
@@ -32,6 +33,8 @@ pub struct MeshVolumes {
     pub obb: Option<LocalBox>,
     /// The simplified mesh that encloses it. `None`: not asked for, not ready, or not a mesh of triangles.
     pub proxy: Option<Arc<Proxy>>,
+    /// Lowest and highest corner of its vertices.
+    reach: Option<[Vec3; 2]>,
     morphs: bool,
     generation: u32,
 }
@@ -40,6 +43,17 @@ impl MeshVolumes {
     /// Changes whenever the volumes do; no two sets of volumes share one, of whichever mesh.
     pub fn generation(&self) -> u32 {
         self.generation
+    }
+
+    /// Whether an entity's `Aabb` reaches no further than the mesh's own vertices. One that does was given by a user
+    /// who knows what moves them, and the volumes do not enclose what it encloses.
+    pub fn bounds_all_of(&self, aabb: &Aabb) -> bool {
+        self.reach.is_some_and(|[low, high]| {
+            let (min, max) = (Vec3::from(aabb.min()), Vec3::from(aabb.max()));
+            // Bevy rounds corners to a centre and half extents, and back.
+            let slack = (low.abs().max(high.abs()) * (8.0 * f32::EPSILON)).max_element();
+            (min + slack).cmpge(low).all() && (max - slack).cmple(high).all()
+        })
     }
 
     /// Whether the mesh has morph targets: the volumes are those of its unmorphed shape, and don't enclose what
@@ -91,7 +105,7 @@ enum Progress {
 struct BoxMade {
     id: AssetId<Mesh>,
     ticket: u32,
-    made: Option<LocalBox>,
+    made: Option<(LocalBox, [Vec3; 2])>,
 }
 
 struct ProxyMade {
@@ -230,8 +244,9 @@ impl OccludeeMeshes {
                     continue;
                 };
                 entry.progress = Progress::Done;
-                if made.is_some() {
-                    entry.volumes.obb = made;
+                if let Some((obb, reach)) = made {
+                    entry.volumes.obb = Some(obb);
+                    entry.volumes.reach = Some(reach);
                     entry.volumes.generation = next(&mut self.last_number);
                     self.changed.push(id);
                     if entry.triangles > 0 {
@@ -301,7 +316,14 @@ impl OccludeeMeshes {
                 let made = |(id, ticket, positions): (_, _, Vec<Vec3>)| BoxMade {
                     id,
                     ticket,
-                    made: obb::fit(&positions),
+                    made: obb::fit(&positions).map(|obb| {
+                        let low = positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
+                        let high = positions
+                            .iter()
+                            .copied()
+                            .fold(Vec3::NEG_INFINITY, Vec3::max);
+                        (obb, [low, high])
+                    }),
                 };
                 batch.into_iter().map(made).collect()
             }));

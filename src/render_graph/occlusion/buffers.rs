@@ -46,6 +46,15 @@ impl<T: Pod> GpuTable<T> {
         }
     }
 
+    fn clear(&mut self) {
+        self.values.clear();
+        self.changed.clear();
+    }
+
+    fn has_changed(&self) -> bool {
+        !self.changed.is_empty()
+    }
+
     fn set(&mut self, i: u32, value: T, empty: T) {
         if self.values.len() <= i as usize {
             self.values.resize(i as usize + 1, empty);
@@ -112,6 +121,9 @@ pub struct GpuOccludees {
     proxies: HashMap<usize, (Arc<Proxy>, u32)>,
     /// By index in Bevy's buffer of mesh inputs: the occludee's slot.
     pub slot_of_input: GpuTable<u32>,
+    /// Whether it is to be filled anew, and of which epoch of the main world's table it is.
+    stale: bool,
+    epoch: u32,
 }
 
 impl Default for GpuOccludees {
@@ -121,6 +133,8 @@ impl Default for GpuOccludees {
             triangles: GpuTable::new("skyline_swept_triangles"),
             proxies: HashMap::default(),
             slot_of_input: GpuTable::new("skyline_slot_of_input"),
+            stale: false,
+            epoch: 0,
         }
     }
 }
@@ -129,6 +143,19 @@ impl GpuOccludees {
     /// Whether it holds nothing yet.
     pub fn is_empty(&self) -> bool {
         self.occludees.values.is_empty()
+    }
+
+    /// Whether the whole table has to come again: nothing of it is here, or much of what is here is of no use.
+    pub fn wants_all(&self, epoch: u32) -> bool {
+        self.is_empty() || self.stale || self.epoch != epoch
+    }
+
+    /// Begins to fill the table anew.
+    pub fn restart(&mut self, epoch: u32) {
+        self.occludees.clear();
+        self.triangles.clear();
+        self.proxies.clear();
+        (self.stale, self.epoch) = (false, epoch);
     }
 
     /// Puts an occludee in its slot, or nothing.
@@ -161,7 +188,13 @@ impl GpuOccludees {
 
     /// Uploads what changed.
     pub fn flush(&mut self, device: &RenderDevice, queue: &RenderQueue) {
-        // Proxies of meshes that are gone are dropped when they have become the larger part.
+        // Once proxies of meshes that are gone have become the larger part, the table comes again without them.
+        let dead = |(proxy, _): &&(Arc<Proxy>, u32)| Arc::strong_count(proxy) == 1;
+        let triangles = |(proxy, _): &(Arc<Proxy>, u32)| proxy.triangles.len();
+        if self.triangles.has_changed() {
+            let dead: usize = self.proxies.values().filter(dead).map(triangles).sum();
+            self.stale = 2 * dead > self.triangles.values.len();
+        }
         self.occludees.flush(device, queue);
         self.triangles.flush(device, queue);
         self.slot_of_input.flush(device, queue);
@@ -261,6 +294,7 @@ impl ViewOcclusion {
         encoder: &mut CommandEncoder,
         camera: &ExtractedOcclusionCamera,
         frame: u32,
+        epoch: u32,
     ) {
         let texels = if camera.sends_depth { self.texels } else { 0 };
         let ExtractedOcclusionCamera {
@@ -271,6 +305,9 @@ impl ViewOcclusion {
         } = camera;
         let (depth_bytes, words) = (4 * texels as u64, to_test.as_words().len());
         let bytes = depth_bytes + 4 * words as u64;
+        if bytes == 0 {
+            return;
+        }
         let free = self
             .staging
             .iter()
@@ -301,12 +338,13 @@ impl ViewOcclusion {
             hidden,
             removed: was_removed,
             frame: of_frame,
+            epoch: of_epoch,
         } = &mut returned;
         depth.clone_header_from(&self.header);
         tested.clone_from(to_test);
         was_removed.clone_from(removed);
         hidden.clear(words * 32);
-        *of_frame = frame;
+        (*of_frame, *of_epoch) = (frame, epoch);
         let tests = self.tests;
         let (mailbox, staging, busy) = (mailbox.clone(), buffer.clone(), busy.clone());
         encoder.map_buffer_on_submit(buffer, MapMode::Read, ..bytes, move |result| {

@@ -53,6 +53,10 @@ pub struct ExtractedOcclusion {
     pub asked: bool,
     /// Number of the frame.
     pub frame: u32,
+    /// Which table slots are of.
+    pub epoch: u32,
+    /// Whether `changed` is all there is.
+    pub all: bool,
 }
 
 /// Fills [`ExtractedOcclusion`].
@@ -78,6 +82,7 @@ pub fn extract_occlusion(
     extracted.asked = !cameras.is_empty();
     extracted.frame = frame.0;
     extracted.slots = table.slots();
+    extracted.epoch = table.epoch();
     if !extracted.asked {
         extracted.spare.clear();
         return;
@@ -122,7 +127,8 @@ pub fn extract_occlusion(
         extracted.cameras.push(to);
     }
     // The GPU's table follows the main world's; an empty one, new or lost with its device, is filled anew.
-    if gpu.is_empty() {
+    extracted.all = gpu.wants_all(table.epoch());
+    if extracted.all {
         extracted
             .changed
             .extend(table.iter().map(|(slot, of)| (slot, Some(of.clone()))));

@@ -8,7 +8,7 @@
 use core::any::TypeId;
 
 use bevy::{
-    camera::visibility::RenderLayers,
+    camera::{MainPassResolutionOverride, visibility::RenderLayers},
     core_pipeline::{
         core_3d::{AlphaMask3d, Opaque3d, Transparent3d},
         deferred::{AlphaMask3dDeferred, Opaque3dDeferred},
@@ -20,9 +20,10 @@ use bevy::{
     },
     ecs::schedule::ScheduleLabel,
     material::RenderPhaseType,
+    mesh::PrimitiveTopology,
     pbr::{
-        PreparedMaterial, RenderMaterialInstances, Transmissive3d, ViewKeyCache,
-        ViewKeyPrepassCache,
+        PreparedMaterial, RenderMaterialInstances, RenderMeshInstances, Transmissive3d,
+        ViewKeyCache, ViewKeyPrepassCache,
     },
     platform::collections::HashMap,
     prelude::*,
@@ -30,9 +31,13 @@ use bevy::{
         batching::gpu_preprocessing::GpuPreprocessingMode,
         camera::DirtySpecializations,
         erased_render_asset::ErasedRenderAssets,
+        mesh::RenderMesh,
+        render_asset::RenderAssets,
         render_phase::{
             BinnedPhaseItem, BinnedRenderPhase, ViewBinnedRenderPhases, ViewSortedRenderPhases,
         },
+        render_resource::PipelineCache,
+        renderer::RenderDevice,
         sync_world::MainEntity,
         view::{
             ExtractedView, RenderExtractedVisibleEntities, RenderVisibleEntities,
@@ -41,7 +46,11 @@ use bevy::{
     },
 };
 
-use super::extract::{ExtractedOcclusion, ExtractedOcclusionCamera};
+use super::{
+    extract::{ExtractedOcclusion, ExtractedOcclusionCamera},
+    pipelines::OcclusionPipelines,
+    prepare::reducible,
+};
 
 /// Of a camera's late view; no subview of Bevy's has this number.
 const LATE_SUBVIEW: u32 = u32::MAX;
@@ -70,6 +79,8 @@ struct LateView {
     /// Entities that may be drawn late, sorted; the lists of the last frame, to compare with.
     accepted: Vec<MainEntity>,
     phases: KeptPhases,
+    /// Whether it was made ready this frame.
+    prepared: bool,
 }
 
 #[derive(Default)]
@@ -109,6 +120,7 @@ type Phases<'w> = (
 /// What is known of a camera when its late view is made ready.
 type CameraData<'w> = (
     &'w ExtractedView,
+    Option<&'w MainPassResolutionOverride>,
     &'w Msaa,
     Has<DepthPrepass>,
     Has<NormalPrepass>,
@@ -118,7 +130,7 @@ type CameraData<'w> = (
 
 /// Gives every camera that removed something its late view, with this frame's entities, the camera's keys and the
 /// phases kept since the last frame. What cannot be drawn late goes back to the camera: it blends, its material has
-/// a depth bias or is not known yet.
+/// a depth bias or is not known yet, it is no mesh of triangles; or nothing can be tested again this frame.
 #[expect(
     clippy::too_many_arguments,
     reason = "it stands for several of Bevy's systems"
@@ -129,9 +141,16 @@ pub fn prepare_late_views(
     mut late_views: ResMut<LateViews>,
     cameras: Query<CameraData>,
     mut lists: Query<&mut RenderExtractedVisibleEntities>,
-    (instances, materials): (
+    (instances, materials, meshes, render_meshes): (
         Res<RenderMaterialInstances>,
         Res<ErasedRenderAssets<PreparedMaterial>>,
+        Res<RenderMeshInstances>,
+        Res<RenderAssets<RenderMesh>>,
+    ),
+    (pipelines, cache, device): (
+        Res<OcclusionPipelines>,
+        Res<PipelineCache>,
+        Res<RenderDevice>,
     ),
     mut dirty: ResMut<DirtySpecializations>,
     mut keys: ResMut<ViewKeyCache>,
@@ -142,9 +161,15 @@ pub fn prepare_late_views(
         if !camera.rechecks {
             continue;
         }
-        let Ok((view, msaa, depth, normal, motion, deferred)) = cameras.get(camera.render) else {
+        // Without a view, Bevy starts the camera afresh when it comes back, and so does this.
+        let Ok((view, resolution, msaa, depth, normal, motion, deferred)) =
+            cameras.get(camera.render)
+        else {
             continue;
         };
+        let size = resolution.map_or(view.viewport.zw(), |to| to.0);
+        let can_recheck = pipelines.late_draws(&cache).is_some()
+            && reducible(Mat4::IDENTITY, size, camera.sampling, &device).is_some();
         let known = late_views.0.contains_key(&camera.main);
         if !known && camera.removed.is_empty() {
             continue;
@@ -162,7 +187,9 @@ pub fn prepare_late_views(
             empty: 0,
             accepted: Vec::new(),
             phases: KeptPhases::default(),
+            prepared: true,
         });
+        late.prepared = true;
         late.empty = if camera.removed.is_empty() {
             late.empty + 1
         } else {
@@ -170,19 +197,30 @@ pub fn prepare_late_views(
         };
 
         let drawn_late = |entity: MainEntity| {
-            instances
-                .instances
-                .get(&entity)
-                .and_then(|instance| materials.get(instance.asset_id))
-                .is_some_and(|material| {
-                    let properties = &material.properties;
-                    // A bias lets what lies behind the depth be drawn all the same.
-                    properties.depth_bias == 0.0
-                        && matches!(
-                            properties.render_phase_type,
-                            RenderPhaseType::Opaque | RenderPhaseType::AlphaMask
-                        )
-                })
+            // Lines and points reach beyond their vertices.
+            let triangles = meshes
+                .mesh_asset_id(entity)
+                .and_then(|id| render_meshes.get(id))
+                .is_some_and(|mesh| {
+                    matches!(
+                        mesh.primitive_topology(),
+                        PrimitiveTopology::TriangleList | PrimitiveTopology::TriangleStrip
+                    )
+                });
+            triangles
+                && instances
+                    .instances
+                    .get(&entity)
+                    .and_then(|instance| materials.get(instance.asset_id))
+                    .is_some_and(|material| {
+                        let properties = &material.properties;
+                        // A bias lets what lies behind the depth be drawn all the same.
+                        properties.depth_bias == 0.0
+                            && matches!(
+                                properties.render_phase_type,
+                                RenderPhaseType::Opaque | RenderPhaseType::AlphaMask
+                            )
+                    })
         };
         let mut of_late = lists
             .get_mut(late.entity)
@@ -200,7 +238,8 @@ pub fn prepare_late_views(
                 dirty.changed_renderables.contains(&main)
                     || dirty.removed_renderables.contains(&main)
             };
-            if accepted_before && !changed() || drawn_late(main) {
+            // What changes this frame may be something else by the time it is queued.
+            if can_recheck && !changed() && (accepted_before || drawn_late(main)) {
                 class.entities.push((Entity::PLACEHOLDER, main));
             } else {
                 back.push((Entity::PLACEHOLDER, main));
@@ -265,12 +304,8 @@ pub fn prepare_late_views(
         phases.6.prepare_for_new_frame(id);
         phases.7.prepare_for_new_frame(id);
     }
-    late_views.0.retain(|camera, late| {
-        let kept = extracted
-            .cameras
-            .iter()
-            .any(|of| of.main == *camera && of.rechecks)
-            && late.empty < PATIENCE;
+    late_views.0.retain(|_, late| {
+        let kept = core::mem::take(&mut late.prepared) && late.empty < PATIENCE;
         if !kept {
             commands.entity(late.entity).despawn();
             keys.remove(&late.id);

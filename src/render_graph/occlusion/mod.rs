@@ -21,8 +21,9 @@ use bevy::{
         schedule::{Core3d, Core3dSystems},
     },
     pbr::{
-        MeshPipelineSystems, check_prepass_views_need_specialization,
-        check_views_need_specialization, main_build_indirect_parameters, unpack_bins,
+        LATE_SHADOW_PASS, MeshPipelineSystems, check_prepass_views_need_specialization,
+        check_views_need_specialization, main_build_indirect_parameters, per_view_shadow_pass,
+        shared_shadow_pass, unpack_bins,
     },
     prelude::*,
     render::{
@@ -133,6 +134,9 @@ pub(crate) fn add_occlusion_passes(app: &mut App) {
                     .chain()
                     // All that a prepass draws early is in the depth, terrain included.
                     .after(late_prepass)
+                    // Draw commands of the lights' late passes are not to be rebuilt before they are used.
+                    .after(per_view_shadow_pass::<LATE_SHADOW_PASS>)
+                    .after(shared_shadow_pass::<LATE_SHADOW_PASS>)
                     // Copies of what the deferred prepass wrote are made after this one.
                     .before(late_deferred_prepass)
                     .before(main_build_indirect_parameters)

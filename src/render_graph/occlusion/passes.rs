@@ -43,6 +43,9 @@ const REDUCE_TILE: u32 = 16;
 /// Levels that `depth_reduce` makes; `depth_reduce_rest` makes the others.
 const REDUCE_LEVELS: usize = 5;
 
+/// Workgroups of a dispatch along an axis, at most: WebGPU's least limit.
+const MOST_WORKGROUPS: u32 = 65_535;
+
 /// A camera that draws into the depth before its main pass.
 pub type WithPrepass = Or<(
     With<DepthPrepass>,
@@ -122,8 +125,11 @@ pub fn recheck<F: QueryFilter + 'static>(
             let span = diagnostics.pass_span(&mut pass, "occludee_verdicts");
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, group, &[]);
-            let slots = extracted.slots as u32;
-            pass.dispatch_workgroups(slots.div_ceil(OCCLUDEES_PER_GROUP), 1, 1);
+            // Slots beyond the largest dispatch are not tested, and so are drawn.
+            let groups = (extracted.slots as u32)
+                .div_ceil(OCCLUDEES_PER_GROUP)
+                .min(MOST_WORKGROUPS);
+            pass.dispatch_workgroups(groups, 1, 1);
             span.end(&mut pass);
             drop(pass);
             done.tested += 1;
@@ -149,13 +155,13 @@ pub fn recheck<F: QueryFilter + 'static>(
         done.late += 1;
     }
     if reduced.is_some() {
-        of.send(&device, encoder, camera, extracted.frame);
+        of.send(&device, encoder, camera, extracted.frame, extracted.epoch);
     }
 }
 
 /// Draw commands of the late view's prepass, from what `late_draws` counted.
 pub fn build_late_prepass(
-    _view: ViewQuery<Entity, WithPrepass>,
+    view: ViewQuery<Entity, WithPrepass>,
     extracted: Res<ExtractedOcclusion>,
     preprocess: Res<PreprocessPipelines>,
     groups: Option<Res<BuildIndirectParametersBindGroups>>,
@@ -163,7 +169,7 @@ pub fn build_late_prepass(
     buffers: Option<Res<IndirectParametersBuffers>>,
     ctx: RenderContext,
 ) {
-    if extracted.cameras.iter().any(draws_late) {
+    if late_camera(&extracted, view.entity()).is_some() {
         early_prepass_build_indirect_parameters(preprocess, groups, cache, buffers, ctx);
     }
 }
@@ -180,11 +186,7 @@ pub fn build_late_main(
     ctx: RenderContext,
 ) {
     let entity = view.entity();
-    let draws = extracted
-        .cameras
-        .iter()
-        .any(|camera| camera.render == entity && draws_late(camera));
-    if draws && !prepasses.contains(entity) {
+    if late_camera(&extracted, entity).is_some() && !prepasses.contains(entity) {
         main_build_indirect_parameters(view, preprocess, groups, cache, buffers, ctx);
     }
 }
@@ -237,21 +239,23 @@ pub fn late_view_prepass(
     if !opaque.contains_key(&late_view_of(main)) {
         return;
     }
-    let mut colours = vec![
+    let colours = [
         textures.normal.as_ref().map(|t| t.get_attachment()),
         textures.motion_vectors.as_ref().map(|t| t.get_attachment()),
         // The deferred attachments, which pipelines of the prepass expect to be there and empty.
         None,
         None,
     ];
-    if colours.iter().all(Option::is_none) {
-        colours.clear();
-    }
+    // Without any, the pipelines expect no attachments at all.
+    let colours = match colours.iter().any(Option::is_some) {
+        true => &colours[..],
+        false => &[],
+    };
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
         label: Some("late_view_prepass"),
-        color_attachments: &colours,
+        color_attachments: colours,
         depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
         ..default()
     });

@@ -20,7 +20,10 @@ use bevy::{
     },
 };
 
-use crate::occlusion::depth::{GpuOcclusionView, ReducedDepth, texel_count};
+use crate::occlusion::{
+    Sampling,
+    depth::{GpuOcclusionView, ReducedDepth, texel_count},
+};
 
 use super::{
     OcclusionStats,
@@ -78,19 +81,26 @@ pub fn prepare_occlusion(
         }
         return;
     }
+    if extracted.all {
+        table.restart(extracted.epoch);
+    }
     for (slot, of) in &extracted.changed {
         table.set(*slot, of.as_ref());
     }
     // Mesh inputs of what came into a late view.
-    unplaced.retain(
-        |(entity, slot)| match meshes.render_mesh_queue_data(*entity) {
-            Some(mesh) => {
-                table.note_input(mesh.current_uniform_index.0, *slot);
-                false
-            }
-            None => extracted.slots > *slot as usize,
-        },
-    );
+    unplaced.retain(|(entity, slot)| {
+        let removed = extracted.cameras.iter().any(|camera| {
+            let found = camera
+                .removed
+                .binary_search_by_key(entity, |(e, _)| MainEntity::from(*e));
+            found.is_ok_and(|i| camera.removed[i].1 == *slot)
+        });
+        let mesh = meshes.render_mesh_queue_data(*entity);
+        if let (true, Some(mesh)) = (removed, &mesh) {
+            table.note_input(mesh.current_uniform_index.0, *slot);
+        }
+        removed && mesh.is_none()
+    });
     for camera in extracted.cameras.iter().filter(|c| c.rechecks) {
         let added = late_views
             .entity(camera.main)
@@ -127,11 +137,10 @@ pub fn prepare_occlusion(
         };
         let mut gpu = GpuOcclusionView::new(clip_from_world, size, camera.sampling);
         gpu.origin = view.viewport.xy().to_array();
-        let header = ReducedDepth::header(clip_from_world, size, camera.sampling);
-        let texels = texel_count(&header.levels);
-        if texels == 0 || gpu.level_count == 0 {
+        let Some(header) = reducible(clip_from_world, size, camera.sampling, &device) else {
             continue;
-        }
+        };
+        let texels = texel_count(&header.levels);
         let words = extracted.slots.div_ceil(32).max(1);
         let fits = views
             .0
@@ -165,6 +174,19 @@ pub fn prepare_occlusion(
     stats.bytes = table.bytes() + views.0.values().map(ViewOcclusion::bytes).sum::<u64>();
     stats.ready_to_recheck =
         pipelines.late_draws(&cache).is_some() && pipelines.verdicts(&cache).is_some();
+}
+
+/// How the depth of a viewport is reduced; `None` if it is larger than can be.
+pub fn reducible(
+    clip_from_world: Mat4,
+    size: UVec2,
+    sampling: Sampling,
+    device: &RenderDevice,
+) -> Option<ReducedDepth> {
+    let header = ReducedDepth::header(clip_from_world, size, sampling);
+    let bytes = 4 * texel_count(&header.levels) as u64;
+    let most = device.limits().max_storage_buffer_binding_size;
+    (bytes > 0 && bytes <= most).then_some(header)
 }
 
 /// The matrix that the camera's vertices go through, worked out as Bevy does.
