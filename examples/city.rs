@@ -19,7 +19,6 @@ mod overview;
 
 use std::{
     num::NonZero,
-    path::Path,
     time::{Duration, Instant},
 };
 
@@ -78,6 +77,9 @@ const SAMPLINGS: [Sampling; 6] = [
     Sampling::Strided { x: 5, y: 4 },
 ];
 
+/// Where the headless walk begins: not at the city's edge. units: frames of the path
+const FIRST_STEP: u32 = 6_000;
+
 /// The city and how it is culled.
 #[derive(Resource)]
 struct City {
@@ -111,10 +113,8 @@ fn run(options: &Options) -> Result<AppExit, CityError> {
     if !headless && !has_display() {
         return Err(CityError::NoDisplay);
     }
-    let real = Path::new("../shared/data/city/manhattan_midtown.glb");
     let scene = match &options.file {
         Some(path) => city::from_file(path)?,
-        None if real.exists() => city::from_file(real)?,
         None => city::generated(CitySize::Full),
     };
     println!(
@@ -264,7 +264,7 @@ fn draw(options: &Options, scene: Scene) -> Result<(), CityError> {
         for frame in 0..options.frames + 4 {
             let world = offline.app.world_mut();
             world.resource_scope(|world, city: Mut<City>| {
-                let place = CameraPath::Walk.at(&city.scene, frame);
+                let place = CameraPath::Walk.at(&city.scene, FIRST_STEP + frame);
                 world.entity_mut(city.camera).insert(place);
             });
             let start = Instant::now();

@@ -20,6 +20,8 @@ const LAYER: usize = 1;
 const LEAST_M: f32 = 3.0;
 /// Side of the square that is shown. units: m
 const SHOWN_M: f32 = 1_100.0;
+/// From the camera to the middle of what is shown. units: m
+const AHEAD_M: f32 = 320.0;
 
 /// Colours of what is drawn, hidden and out of view.
 const PAINTS: [LinearRgba; 3] = [
@@ -87,7 +89,7 @@ pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Enti
     let white = flat(world, LinearRgba::WHITE);
     let mut meshes = world.resource_mut::<Assets<Mesh>>();
     let ground = meshes.add(Plane3d::default().mesh().size(1e5, 1e5));
-    let cone = meshes.add(Cone::new(18.0, 60.0));
+    let cone = meshes.add(Cone::new(28.0, 90.0));
     let boxes: Vec<Option<Aabb>> = scene.meshes.iter().map(MeshAabb::compute_aabb).collect();
     let layer = RenderLayers::layer(LAYER);
     let [low, high] = scene.bounds;
@@ -202,7 +204,7 @@ fn colour(
     }
 }
 
-/// Keeps the camera in the middle of the map, its arrow where it looks.
+/// Keeps what lies ahead of the camera in the middle of the map, and its arrow where it looks.
 fn follow(
     map: Res<Map>,
     places: Query<&GlobalTransform>,
@@ -213,10 +215,10 @@ fn follow(
         return;
     };
     let (at, ahead) = (place.translation(), place.forward());
-    for mut camera in &mut above {
-        camera.translation = at.with_y(camera.translation.y);
-    }
     let level = Vec3::new(ahead.x, 0.0, ahead.z).normalize_or(Vec3::NEG_Z);
+    for mut camera in &mut above {
+        camera.translation = (at + AHEAD_M * level).with_y(camera.translation.y);
+    }
     for mut arrow in &mut arrows {
         // Above all roofs; a cone's tip is up.
         *arrow = Transform::from_translation(at.with_y(600.0) + 30.0 * level)

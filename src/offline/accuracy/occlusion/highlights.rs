@@ -217,6 +217,7 @@ impl Highlights {
                 short(row.working_ms.median),
                 // Three figures would hide what is asked about.
                 format!("{:.4}", row.resting_to_frustum),
+                format!("{:.4}", row.resting_to_frustum_least),
                 format!("{:.4}", row.working_to_frustum),
                 format!("{PAPER_VISIBLE:.4}"),
             ]
@@ -264,6 +265,7 @@ impl Highlights {
                     "rested in",
                     "ours kept at work ms",
                     "ours : frustum",
+                    "by the quickest frames",
                     "kept at work : frustum",
                     "P2",
                 ],

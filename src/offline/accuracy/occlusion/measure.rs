@@ -94,8 +94,7 @@ fn measure_view(
                 false_cull_px,
                 false_cull_frames: u32::from(false_cull_px > 0),
                 missed_culls: Some(drawn.saturating_sub(seen) as f64 / drawn.max(1) as f64),
-                of_exact: exact::removable(stage, culling)?
-                    .map(|of| of.removed as f64 / of.by_exact_test.max(1) as f64),
+                of_exact: exact::removable(stage, culling)?.and_then(exact::Removable::share),
             },
             frames: 1,
             ..line(stage, view.name, culling, plan)
