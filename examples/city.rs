@@ -25,7 +25,7 @@ use std::{
 use bevy::{
     camera::{ClearColorConfig, RenderTarget, visibility::NoFrustumCulling},
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
-    core_pipeline::prepass::DepthPrepass,
+    core_pipeline::{prepass::DepthPrepass, tonemapping::DebandDither},
     diagnostic::{DiagnosticsStore, FrameTimeDiagnosticsPlugin},
     light::AmbientLight,
     prelude::*,
@@ -255,7 +255,12 @@ fn draw(options: &Options, scene: Scene) -> Result<(), CityError> {
     }
     let target = offline.target(options.size);
     populate(offline.app.world_mut(), scene, Some(&target), options.size);
-    show_overview(offline.app.world_mut(), |_| false);
+    let world = offline.app.world_mut();
+    show_overview(world, |_| false);
+    if let Some(camera) = world.get_resource::<City>().map(|city| city.camera) {
+        // Noise would make the picture's file four times as large.
+        world.entity_mut(camera).insert(DebandDither::Disabled);
+    }
     for (way, name) in WAYS {
         cull(offline.app.world_mut(), way);
         offline.app.world_mut().resource_mut::<City>().frame = 0;
