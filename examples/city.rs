@@ -8,26 +8,24 @@
 //! ```
 //!
 //! In the window: W, A, S, D, E and Q fly, Shift flies faster, the right mouse button looks around, the wheel sets
-//! the speed; 1 to 4 choose what is left out, V what stands for an object, B how depth is read; O shows from above
-//! what the camera draws (green), what is hidden from it (red) and what is out of its view (grey).
+//! the speed; 1 to 4 choose what is left out, V what stands for an object, B how depth is read, P whether a depth
+//! prepass comes before ours; O shows from above what the camera draws (green), what is hidden from it (red) and what
+//! is out of its view (grey).
 
+#[path = "common/city_options.rs"]
+mod city_options;
 #[path = "common/overview.rs"]
 mod overview;
 
-use core::any::TypeId;
 use std::{
     num::NonZero,
-    path::{Path, PathBuf},
     time::{Duration, Instant},
 };
 
 use bevy::{
-    camera::{
-        ClearColorConfig, RenderTarget,
-        visibility::{NoFrustumCulling, VisibleEntities},
-    },
+    camera::{ClearColorConfig, RenderTarget, visibility::NoFrustumCulling},
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
-    core_pipeline::prepass::DepthPrepass,
+    core_pipeline::{prepass::DepthPrepass, tonemapping::DebandDither},
     diagnostic::{DiagnosticsStore, FrameTimeDiagnosticsPlugin},
     light::AmbientLight,
     prelude::*,
@@ -38,78 +36,32 @@ use bevy::{
 use bevy_skyline::{
     occlusion::{OccludeeVolume, Sampling, ZBufferOcclusion},
     offline::{
-        Offline, OfflineError,
+        Offline,
         scenes::{
-            CameraPath, Look, Scene, SceneError,
+            CameraPath, Look, Scene,
             city::{self, CitySize},
         },
     },
     prelude::*,
 };
+use city_options::{CityError, Options, has_display};
 use clap::Parser;
 use overview::{Overview, OverviewPlugin, Tally};
 
-/// Flies through a city in a window, or makes a picture of it.
-#[derive(Parser)]
-#[command(name = "city")]
-struct Options {
-    /// glTF binary with one node and mesh a building; else a city made by code.
-    file: Option<PathBuf>,
-    /// Open no window: walk a few steps in each way to cull, write a picture and print frame times.
-    #[arg(long)]
-    headless: bool,
-    /// The picture to write; implies --headless [default: city.png].
-    #[arg(long, value_name = "P.png")]
-    out: Option<PathBuf>,
-    /// Pixels of the picture or the window.
-    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
-    size: UVec2,
-    /// Frames to time in each way to cull.
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
-    frames: u32,
-}
-
-fn size(text: &str) -> Result<UVec2, String> {
-    let (width, height) = text.split_once('x').ok_or("not of the form 1280x720")?;
-    let side = |text: &str| text.parse::<u32>().ok().filter(|n| *n > 0);
-    let (width, height) = side(width)
-        .zip(side(height))
-        .ok_or("not two whole numbers above 0")?;
-    Ok(UVec2::new(width, height))
-}
-
-/// Why there is nothing to see; says itself in one line.
-#[derive(thiserror::Error, Debug)]
-enum CityError {
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-    #[error("there is no display to open a window on: use --headless")]
-    NoDisplay,
-    #[error("a picture of {0}x{1} pixels is larger than this GPU can draw: at most {2} a side")]
-    TooLarge(u32, u32, u32),
-    #[error(transparent)]
-    Offline(#[from] OfflineError),
-    #[error("cannot write {}: {source}", path.display())]
-    Write {
-        path: PathBuf,
-        source: image::ImageError,
-    },
-}
-
 /// What is left out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Culling {
+enum Way {
     None,
     Frustum,
     Bevy,
     Ours,
 }
 
-const CULLINGS: [(Culling, &str); 4] = [
-    (Culling::None, "none"),
-    (Culling::Frustum, "frustum"),
-    (Culling::Bevy, "frustum + Bevy's occlusion culling"),
-    (Culling::Ours, "frustum + Z-buffer occlusion"),
+const WAYS: [(Way, &str); 4] = [
+    (Way::None, "none"),
+    (Way::Frustum, "frustum"),
+    (Way::Bevy, "frustum + Bevy's occlusion culling"),
+    (Way::Ours, "frustum + Z-buffer occlusion"),
 ];
 const VOLUMES: [OccludeeVolume; 3] = [
     OccludeeVolume::Aabb,
@@ -125,13 +77,18 @@ const SAMPLINGS: [Sampling; 6] = [
     Sampling::Strided { x: 5, y: 4 },
 ];
 
+/// Where the headless walk begins: not at the city's edge. units: frames of the path
+const FIRST_STEP: u32 = 6_000;
+
 /// The city and how it is culled.
 #[derive(Resource)]
 struct City {
     scene: Scene,
     entities: Vec<Entity>,
     camera: Entity,
-    culling: Culling,
+    way: Way,
+    /// Whether a depth prepass comes before ours.
+    prepass: bool,
     settings: ZBufferOcclusion,
     /// Frames shown so far, which everything that moves follows.
     frame: u32,
@@ -156,10 +113,8 @@ fn run(options: &Options) -> Result<AppExit, CityError> {
     if !headless && !has_display() {
         return Err(CityError::NoDisplay);
     }
-    let real = Path::new("../shared/data/city/manhattan_midtown.glb");
     let scene = match &options.file {
         Some(path) => city::from_file(path)?,
-        None if real.exists() => city::from_file(real)?,
         None => city::generated(CitySize::Full),
     };
     println!(
@@ -173,12 +128,6 @@ fn run(options: &Options) -> Result<AppExit, CityError> {
         return Ok(AppExit::Success);
     }
     Ok(fly(options, scene))
-}
-
-/// Whether there is something to open a window on. Bevy panics where there is not.
-fn has_display() -> bool {
-    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    !cfg!(target_os = "linux") || set("DISPLAY")
 }
 
 /// Fills an empty world; without a target the window is drawn to.
@@ -221,18 +170,19 @@ fn populate(world: &mut World, scene: Scene, target: Option<&Handle<Image>>, siz
         scene,
         entities,
         camera,
-        culling: Culling::Frustum,
+        way: Way::Frustum,
+        prepass: false,
         settings: ZBufferOcclusion::default(),
         frame: 0,
     });
-    cull(world, Culling::Ours);
+    cull(world, Way::Ours);
 }
 
 /// Leaves out what is asked for from the next frame on.
-fn cull(world: &mut World, culling: Culling) {
+fn cull(world: &mut World, way: Way) {
     world.resource_scope(|world, mut city: Mut<City>| {
-        let none = culling == Culling::None;
-        if none != (city.culling == Culling::None) {
+        let none = way == Way::None;
+        if none != (city.way == Way::None) {
             for &entity in &city.entities {
                 let mut entity = world.entity_mut(entity);
                 if none {
@@ -242,16 +192,19 @@ fn cull(world: &mut World, culling: Culling) {
                 }
             }
         }
-        city.culling = culling;
+        city.way = way;
         let mut camera = world.entity_mut(city.camera);
         camera.remove::<(OcclusionCulling, DepthPrepass, ZBufferOcclusion)>();
-        match culling {
-            Culling::None | Culling::Frustum => {}
-            Culling::Bevy => {
+        match way {
+            Way::None | Way::Frustum => {}
+            Way::Bevy => {
                 camera.insert((DepthPrepass, OcclusionCulling));
             }
-            Culling::Ours => {
+            Way::Ours => {
                 camera.insert(city.settings.clone());
+                if city.prepass {
+                    camera.insert(DepthPrepass);
+                }
             }
         }
     });
@@ -265,31 +218,29 @@ fn drive(world: &mut World) {
     });
 }
 
-/// Objects that the camera's list holds: what Bevy's culling leaves out of it, only the GPU knows.
-fn in_list(visible: &VisibleEntities) -> &[Entity] {
-    visible.get(TypeId::of::<Mesh3d>())
-}
-
-/// A line of what is drawn and why not the rest.
-fn line(city: &City, tally: &Tally) -> String {
-    let name = CULLINGS
+/// A line of what is drawn and why not the rest, and of what occlusion culling does.
+fn line(city: &City, tally: &Tally, effects: &Effects) -> String {
+    let name = WAYS
         .iter()
-        .find(|(culling, _)| *culling == city.culling)
+        .find(|(way, _)| *way == city.way)
         .map_or("", |(_, name)| name);
-    let settings = match city.culling {
-        Culling::Ours => format!(
-            " ({:?}, {:?})",
-            city.settings.volume, city.settings.sampling
+    let settings = match city.way {
+        Way::Ours => format!(
+            " ({:?}, {:?}{})",
+            city.settings.volume,
+            city.settings.sampling,
+            if city.prepass { ", depth prepass" } else { "" }
         ),
-        Culling::Bevy => " (what it removes only the GPU knows)".into(),
+        Way::Bevy => " (what it removes only the GPU knows)".into(),
         _ => String::new(),
     };
     format!(
-        "{name}{settings}: {} drawn, {} hidden, {} out of view of {}",
+        "{name}{settings}: {} drawn, {} hidden, {} out of view of {}; Z-buffer occlusion {}",
         tally.drawn,
         tally.hidden,
         tally.out_of_view,
-        city.entities.len()
+        city.entities.len(),
+        effects.occlusion()
     )
 }
 
@@ -304,16 +255,21 @@ fn draw(options: &Options, scene: Scene) -> Result<(), CityError> {
     }
     let target = offline.target(options.size);
     populate(offline.app.world_mut(), scene, Some(&target), options.size);
-    show_overview(offline.app.world_mut(), |_| false);
-    for (culling, name) in CULLINGS {
-        cull(offline.app.world_mut(), culling);
+    let world = offline.app.world_mut();
+    show_overview(world, |_| false);
+    if let Some(camera) = world.get_resource::<City>().map(|city| city.camera) {
+        // Noise would make the picture's file four times as large.
+        world.entity_mut(camera).insert(DebandDither::Disabled);
+    }
+    for (way, name) in WAYS {
+        cull(offline.app.world_mut(), way);
         offline.app.world_mut().resource_mut::<City>().frame = 0;
         let mut times_ms = Vec::new();
         // Some frames until the change has reached everything.
         for frame in 0..options.frames + 4 {
             let world = offline.app.world_mut();
             world.resource_scope(|world, city: Mut<City>| {
-                let place = CameraPath::Walk.at(&city.scene, frame);
+                let place = CameraPath::Walk.at(&city.scene, FIRST_STEP + frame);
                 world.entity_mut(city.camera).insert(place);
             });
             let start = Instant::now();
@@ -333,10 +289,12 @@ fn draw(options: &Options, scene: Scene) -> Result<(), CityError> {
             options.size.y
         );
         let world = offline.app.world();
-        if let (Some(city), Some(tally)) =
-            (world.get_resource::<City>(), world.get_resource::<Tally>())
-        {
-            println!("  {}", line(city, tally));
+        if let (Some(city), Some(tally), Some(effects)) = (
+            world.get_resource::<City>(),
+            world.get_resource::<Tally>(),
+            world.get_resource::<Effects>(),
+        ) {
+            println!("  {}", line(city, tally, effects));
         }
     }
     show_overview(offline.app.world_mut(), |_| true);
@@ -344,7 +302,10 @@ fn draw(options: &Options, scene: Scene) -> Result<(), CityError> {
         offline.step();
     }
     let path = options.out.clone().unwrap_or_else(|| "city.png".into());
-    let picture = image::DynamicImage::ImageRgba8(offline.picture(&target)?).into_rgb8();
+    let mut picture = image::DynamicImage::ImageRgba8(offline.picture(&target)?).into_rgb8();
+    if let Some(tally) = offline.app.world().get_resource::<Tally>() {
+        overview::legend(&mut picture, tally);
+    }
     picture
         .save_with_format(&path, image::ImageFormat::Png)
         .map_err(|source| CityError::Write {
@@ -394,7 +355,10 @@ fn fly(options: &Options, scene: Scene) -> AppExit {
 
 fn start(world: &mut World) {
     if let Some(Start(scene, size)) = world.remove_resource() {
-        info!("1 none, 2 frustum, 3 Bevy's, 4 ours; V the volume, B the sampling, O the overview");
+        info!(
+            "1 none, 2 frustum, 3 Bevy's, 4 ours; V the volume, B the sampling, P a depth prepass before ours, \
+             O the overview: green drawn, red hidden, grey out of view"
+        );
         populate(world, scene, None, size);
     }
 }
@@ -408,8 +372,9 @@ fn choose(world: &mut World) {
         KeyCode::Digit4,
     ];
     let digit = digits.iter().position(|key| keys.just_pressed(*key));
-    let [volume, sampling, above] =
-        [KeyCode::KeyV, KeyCode::KeyB, KeyCode::KeyO].map(|key| keys.just_pressed(key));
+    let [volume, sampling, prepass, above] =
+        [KeyCode::KeyV, KeyCode::KeyB, KeyCode::KeyP, KeyCode::KeyO]
+            .map(|key| keys.just_pressed(key));
     let mut city = world.resource_mut::<City>();
     if volume {
         city.settings.volume = after(&VOLUMES, city.settings.volume);
@@ -417,11 +382,12 @@ fn choose(world: &mut World) {
     if sampling {
         city.settings.sampling = after(&SAMPLINGS, city.settings.sampling);
     }
+    city.prepass ^= prepass;
     let asked = digit
-        .map(|digit| CULLINGS[digit].0)
-        .or((volume || sampling).then_some(city.culling));
-    if let Some(culling) = asked {
-        cull(world, culling);
+        .map(|digit| WAYS[digit].0)
+        .or((volume || sampling || prepass).then_some(city.way));
+    if let Some(way) = asked {
+        cull(world, way);
     }
     if above {
         show_overview(world, |shown| !shown);
@@ -446,13 +412,14 @@ fn report(
     diagnostics: Res<DiagnosticsStore>,
     city: Option<Res<City>>,
     tally: Res<Tally>,
+    effects: Res<Effects>,
     mut windows: Query<&mut Window, With<PrimaryWindow>>,
 ) {
     let frame = diagnostics.get(&FrameTimeDiagnosticsPlugin::FRAME_TIME);
     let (Some(frame_ms), Some(city)) = (frame.and_then(|d| d.smoothed()), city) else {
         return;
     };
-    let line = line(&city, &tally);
+    let line = line(&city, &tally, &effects);
     info!("frame {frame_ms:.1} ms; {line}");
     for mut window in &mut windows {
         window.title = format!("Skyline · {frame_ms:.1} ms · {line}");

@@ -9,7 +9,12 @@
 //!     App::new()
 //!         .add_plugins((DefaultPlugins, SkylinePlugins))
 //!         .add_systems(Startup, |mut commands: Commands, assets: Res<AssetServer>| {
-//!             commands.spawn((Camera3d::default(), Transform::from_xyz(0.0, 2000.0, 0.0)));
+//!             commands.spawn((
+//!                 Camera3d::default(),
+//!                 Msaa::Off,
+//!                 Transform::from_xyz(0.0, 2000.0, 0.0),
+//!                 ZBufferOcclusion::default(), // drop what is hidden
+//!             ));
 //!             commands.spawn((Terrain::new(assets.load("alps.png")), TerrainShadow::default()));
 //!             commands.spawn(DirectionalLight { shadow_maps_enabled: true, ..default() });
 //!         })
@@ -34,7 +39,7 @@
 //! P1 *Subdivided-bounding-box terrain ray casting* (GPU quadtree); P2 occlusion culling with the Z-buffer and
 //! simplified models; P3 rendering by spherical-coordinate representation; P4 region-based contribution culling
 //! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
-//! maps (P5b). Docs cite them by these numbers. This version has P1 and P5b.
+//! maps (P5b). Docs cite them by these numbers. This version has P1, P2 and P5b.
 
 pub mod effects;
 pub mod occlusion;

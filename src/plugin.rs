@@ -5,7 +5,7 @@
 //! | [`EffectsPlugin`] | – | the [`Effects`] resource | – |
 //! | [`TerrainPlugin`] | [`Terrain`](crate::terrain::Terrain), [`TerrainRayCasting`](crate::terrain::TerrainRayCasting) | `report_terrain` in `Last` | see [`render_graph`] |
 //! | the same | [`TerrainShadow`](crate::terrain_shadow::TerrainShadow), [`ExactLight`](crate::terrain_shadow::ExactLight) | `report_terrain_shadow` in `Last` | see [`render_graph::terrain_shadow`] |
-//! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `build_mesh_volumes`, `update_occludees`, `cull_occluded` in `PostUpdate` after `CheckVisibility`; `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
+//! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `build_mesh_volumes`, `update_occludees`, `cull_occluded`, `forget_culled` in `PostUpdate`, in [`CullSystems`](crate::occlusion::CullSystems) after `CheckVisibility`; `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
 //!
 //! A feature whose component is nowhere in the scene costs its systems' empty queries and nothing else: no
 //! pipeline, no GPU memory, no pass.

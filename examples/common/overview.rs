@@ -1,16 +1,18 @@
 //! The city from above, in a corner of the picture: what the camera draws and what it leaves out, by colour.
 
-use std::collections::HashSet;
-
 use bevy::{
     camera::{
         ClearColorConfig, ScalingMode, Viewport,
-        primitives::{Aabb, Frustum, MeshAabb},
-        visibility::{RenderLayers, VisibleEntities},
+        primitives::{Aabb, MeshAabb},
+        visibility::RenderLayers,
     },
+    core_pipeline::tonemapping::{DebandDither, Tonemapping},
     prelude::*,
 };
-use bevy_skyline::offline::scenes::Scene;
+use bevy_skyline::{
+    offline::{glyphs, scenes::Scene},
+    prelude::{CullReason, Culling},
+};
 
 /// The layer that only the camera from above sees.
 const LAYER: usize = 1;
@@ -18,6 +20,15 @@ const LAYER: usize = 1;
 const LEAST_M: f32 = 3.0;
 /// Side of the square that is shown. units: m
 const SHOWN_M: f32 = 1_100.0;
+/// From the camera to the middle of what is shown. units: m
+const AHEAD_M: f32 = 320.0;
+
+/// Colours of what is drawn, hidden and out of view.
+const PAINTS: [LinearRgba; 3] = [
+    LinearRgba::rgb(0.06, 0.60, 0.10),
+    LinearRgba::rgb(0.80, 0.05, 0.04),
+    LinearRgba::rgb(0.16, 0.17, 0.19),
+];
 
 /// On the camera from above.
 #[derive(Component)]
@@ -64,25 +75,21 @@ impl Plugin for OverviewPlugin {
 
 /// A twin of each object in a flat colour, and the camera that sees them.
 pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Entity, size: UVec2) {
-    let flat = |world: &mut World, r, g, b| {
+    let flat = |world: &mut World, colour: LinearRgba| {
         world
             .resource_mut::<Assets<StandardMaterial>>()
             .add(StandardMaterial {
-                base_color: Color::linear_rgb(r, g, b),
+                base_color: colour.into(),
                 unlit: true,
                 ..default()
             })
     };
-    let paints = [
-        flat(world, 0.08, 0.62, 0.12),
-        flat(world, 0.75, 0.05, 0.04),
-        flat(world, 0.16, 0.17, 0.19),
-    ];
-    let floor = flat(world, 0.02, 0.02, 0.03);
-    let white = flat(world, 1.0, 1.0, 1.0);
+    let paints = PAINTS.map(|paint| flat(world, paint));
+    let floor = flat(world, LinearRgba::rgb(0.02, 0.02, 0.03));
+    let white = flat(world, LinearRgba::WHITE);
     let mut meshes = world.resource_mut::<Assets<Mesh>>();
     let ground = meshes.add(Plane3d::default().mesh().size(1e5, 1e5));
-    let cone = meshes.add(Cone::new(18.0, 60.0));
+    let cone = meshes.add(Cone::new(28.0, 90.0));
     let boxes: Vec<Option<Aabb>> = scene.meshes.iter().map(MeshAabb::compute_aabb).collect();
     let layer = RenderLayers::layer(LAYER);
     let [low, high] = scene.bounds;
@@ -142,6 +149,9 @@ pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Enti
             ..OrthographicProjection::default_3d()
         }),
         Msaa::Off,
+        // The colours of the legend, to the letter.
+        Tonemapping::None,
+        DebandDither::Disabled,
         Transform::from_xyz(0.0, high.y + 200.0, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
         layer,
         Overview,
@@ -153,24 +163,14 @@ pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Enti
     });
 }
 
-/// Whether an object was drawn, and if not, why.
+/// Whether an object was drawn, and if not, why: as any game may ask.
 ///
 /// What Bevy's own occlusion culling removes, the GPU alone knows; it counts as drawn.
-fn state_of(
-    entity: Entity,
-    drawn: &HashSet<Entity>,
-    frustum: &Frustum,
-    bounds: Option<(&Aabb, &GlobalTransform)>,
-) -> State {
-    let in_view = || {
-        bounds.is_none_or(|(aabb, place)| frustum.intersects_obb(aabb, &place.affine(), true, true))
-    };
-    if drawn.contains(&entity) {
-        State::Drawn
-    } else if in_view() {
-        State::Hidden
-    } else {
-        State::OutOfView
+fn state_of(culling: &Culling, camera: Entity, object: Entity) -> State {
+    match culling.reason(camera, object) {
+        None => State::Drawn,
+        Some(CullReason::Occluded) => State::Hidden,
+        Some(_) => State::OutOfView,
     }
 }
 
@@ -178,20 +178,17 @@ fn state_of(
 fn colour(
     mut map: ResMut<Map>,
     mut tally: ResMut<Tally>,
-    cameras: Query<(&VisibleEntities, &Frustum)>,
-    bounds: Query<(&Aabb, &GlobalTransform)>,
+    culling: Culling,
     mut twins: Query<&mut MeshMaterial3d<StandardMaterial>>,
 ) {
-    let Ok((visible, frustum)) = cameras.get(map.camera) else {
-        return;
-    };
-    let drawn: HashSet<Entity> = super::in_list(visible).iter().copied().collect();
     *tally = Tally::default();
     let Map {
-        objects, paints, ..
+        camera,
+        objects,
+        paints,
     } = &mut *map;
     for (entity, twin, last) in objects {
-        let state = state_of(*entity, &drawn, frustum, bounds.get(*entity).ok());
+        let state = state_of(&culling, *camera, *entity);
         let (count, paint) = match state {
             State::Drawn => (&mut tally.drawn, &paints[0]),
             State::Hidden => (&mut tally.hidden, &paints[1]),
@@ -207,7 +204,7 @@ fn colour(
     }
 }
 
-/// Keeps the camera in the middle of the map, its arrow where it looks.
+/// Keeps what lies ahead of the camera in the middle of the map, and its arrow where it looks.
 fn follow(
     map: Res<Map>,
     places: Query<&GlobalTransform>,
@@ -218,13 +215,47 @@ fn follow(
         return;
     };
     let (at, ahead) = (place.translation(), place.forward());
-    for mut camera in &mut above {
-        camera.translation = at.with_y(camera.translation.y);
-    }
     let level = Vec3::new(ahead.x, 0.0, ahead.z).normalize_or(Vec3::NEG_Z);
+    for mut camera in &mut above {
+        camera.translation = (at + AHEAD_M * level).with_y(camera.translation.y);
+    }
     for mut arrow in &mut arrows {
         // Above all roofs; a cone's tip is up.
         *arrow = Transform::from_translation(at.with_y(600.0) + 30.0 * level)
             .with_rotation(Quat::from_rotation_arc(Vec3::Y, level));
+    }
+}
+
+/// Writes what the colours stand for, and how many objects there are of each, below the map in its picture.
+pub fn legend(picture: &mut image::RgbImage, tally: &Tally) {
+    let (width, height) = picture.dimensions();
+    let side = width.min(height) / 2;
+    let scale = (height / 360).max(1);
+    let line = 12 * scale;
+    let entries = [
+        format!("{} drawn", tally.drawn),
+        format!("{} hidden", tally.hidden),
+        format!("{} out of view", tally.out_of_view),
+    ];
+    let (left, top) = (width - side, side);
+    let bottom = (top + line * entries.len() as u32 + 4 * scale).min(height);
+    for (x, y) in (top..bottom).flat_map(|y| (left..width).map(move |x| (x, y))) {
+        picture.put_pixel(x, y, image::Rgb([16, 17, 20]));
+    }
+    let mut fill = |x: u32, y: u32, size: u32, colour: [u8; 3]| {
+        for (x, y) in (y..y + size).flat_map(|y| (x..x + size).map(move |x| (x, y))) {
+            if let Some(pixel) = picture.get_pixel_mut_checked(x, y) {
+                pixel.0 = colour;
+            }
+        }
+    };
+    for (index, (entry, paint)) in entries.iter().zip(PAINTS).enumerate() {
+        let y = top + 4 * scale + index as u32 * line;
+        let [red, green, blue, _] = Srgba::from(paint).to_u8_array();
+        fill(left + 4 * scale, y, 8 * scale, [red, green, blue]);
+        glyphs::for_each_dot(entry, |dot_x, dot_y| {
+            let at = |start: u32, dot: i32| start + dot.max(0) as u32 * scale;
+            fill(at(left + 16 * scale, dot_x), at(y, dot_y), scale, [235; 3]);
+        });
     }
 }

@@ -13,11 +13,23 @@
 //! | `cast_terrain` | `Core3d`, `Prepass` | `early_prepass` | `early_downsample_depth`, `late_prepass` | rays stop at meshes; terrain is in Bevy's depth pyramid |
 //! | `terrain_cascade` | `Core3d`, `Prepass` | `per_view_shadow_pass` (early) | `early_downsample_depth`, `per_view_shadow_pass` (late), `MainPass` | terrain is among the casters that occlusion culling of lights and shading read |
 //! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
+//! | `extract_occlusion` | `ExtractSchedule` | – | – | takes over what each camera has removed and wants tested, and where occludees stand |
+//! | `prepare_late_views` | `Render`, `PrepareAssets` | `check_views_need_specialization`, `check_prepass_views_need_specialization` | `collect_visible_cpu_culled_entities` | hands the camera's keys on to its late view; what came into that view is found as for any |
+//! | `make_depth_readable` | `Render`, `PrepareViews` | – | – | depth textures are made in `PrepareResources`, with the usages asked for by then |
+//! | `prepare_occlusion` | `Render`, `PrepareResources` | – | – | uploads the table and this frame's views |
+//! | `prepare_occlusion_bind_groups` | `Render`, `PrepareBindGroups` | – | – | batches, whose instances are to be drawn late, are built by then |
+//! | `keep_late_phases` | `Render`, `Cleanup` | – | – | Bevy drops phases that no camera of the main world stands behind |
+//! | `unpack_bins` | `UnpackLateBins`, for each late view before any camera | – | – | a late view's draws need what Bevy unpacks for its own |
+//! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass` | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
+//! | `recheck::<WithoutPrepass>`, `build_late_main`, `late_opaque` | `Core3d`, `MainPass`, chained | `main_opaque_pass_3d` | `terrain_shade`, `main_transparent_pass_3d` | all that is drawn early is in the depth; pixels drawn late are not lit as terrain; transparency blends over them |
 //!
 //! `terrain_shadow` is one dispatch of `terrain_shadow` or `shadow_sweep`, then `shadow_mips`.
 //! `cast_terrain` is `subdivide`, `box_entry`, `beam`, `ray_cast` for each terrain, then `terrain_depth` for all.
 //! `terrain_cascade` is `terrain_cascade_cast` and `terrain_cascade_erode` for each cascade that needs it, then the
 //! depth of each.
+//! `recheck` is `depth_reduce`, `occludee_verdicts`, `late_draws`, then the copies that are read back; a camera has
+//! one of the two, by whether it draws into its depth before the main pass. `late_opaque` also draws, in the main
+//! pass, what `late_view_prepass` drew in the prepass.
 
 pub mod cascades;
 pub mod extract;

@@ -14,6 +14,8 @@ fn a_quick_run_on_the_smallest_scene_leaves_valid_files() {
         "--quick",
         "--scenes",
         "bunnies",
+        "--path-frames",
+        "3",
         "--out",
         &out,
     ];
@@ -39,13 +41,34 @@ fn a_quick_run_on_the_smallest_scene_leaves_valid_files() {
         }
     }
     let all: Vec<_> = cullings.iter().map(String::as_str).collect();
-    assert_eq!(all, ["bevy", "frustum", "none", "z-buffer"]);
+    assert_eq!(
+        all,
+        ["bevy", "frustum", "none", "z-buffer", "z-buffer-prepass"]
+    );
     assert_eq!(read("results.csv").lines().count(), lines.len() + 1);
     assert!(read("index.html").contains("/front"));
-    for cost in summary["highlights"]["main_world"]
-        .as_array()
-        .expect("an array")
-    {
+    let walks: Vec<_> = lines
+        .iter()
+        .filter(|line| line["scene"].as_str().is_some_and(|s| s.ends_with("/walk")))
+        .collect();
+    assert!(!walks.is_empty() && walks.iter().all(|line| line["frames"] == 3));
+    let highlights = &summary["highlights"];
+    assert_eq!(highlights["false_cull_px"], 0, "{highlights}");
+    assert!(highlights["frames"].as_u64() > Some(0), "{highlights}");
+    let against = highlights["against_bevy"].as_array().expect("an array");
+    assert!(
+        against
+            .iter()
+            .any(|row| row["drawn_z_buffer"].as_f64() > Some(0.0)
+                && row["drawn_z_buffer_prepass"].as_f64() > Some(0.0)),
+        "{highlights}"
+    );
+    let visible = highlights["everything_visible"].as_array();
+    for line in visible.expect("an array") {
+        assert!(line["resting_to_frustum"].as_f64() > Some(0.0), "{line}");
+        assert_eq!(line["frustum_ms"]["runs"], 20, "{line}");
+    }
+    for cost in highlights["main_world"].as_array().expect("an array") {
         assert!(
             cost["check_visibility_ms"]["median"].as_f64() > Some(0.0),
             "{cost}"
@@ -67,8 +90,19 @@ fn bad_input_is_named() {
     with(&["--scenes", "city", "--city", &missing], "none.obj");
     with(&["--scenes", "forest"], "forest");
     with(&["--heightmap", &missing], "--heightmap");
+    with(&["--path-frames", "0"], "--path-frames");
     let arguments = [
         "accuracy", "terrain", "--quick", "--out", &out, "--city", &missing,
     ];
     assert_bad(&skyline(&arguments), "--city", &arguments);
+    let arguments = [
+        "accuracy",
+        "shadow",
+        "--quick",
+        "--out",
+        &out,
+        "--path-frames",
+        "9",
+    ];
+    assert_bad(&skyline(&arguments), "--path-frames", &arguments);
 }

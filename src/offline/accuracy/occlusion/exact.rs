@@ -27,6 +27,14 @@ pub(super) struct Removable {
     pub removed: usize,
 }
 
+impl Removable {
+    /// Share removed of what the exact test removes; `None` where there is nothing to remove and nothing was.
+    pub fn share(self) -> Option<f64> {
+        let any = self.by_exact_test > 0 || self.removed > 0;
+        any.then(|| self.removed as f64 / self.by_exact_test.max(1) as f64)
+    }
+}
+
 /// Tests what is in view in the frame last drawn with a setting of ours. `None` for other ways to cull.
 pub(super) fn removable(
     stage: &mut SceneStage,

@@ -4,12 +4,16 @@ use bevy::{math::UVec2, platform::time::Instant};
 use indicatif::ProgressBar;
 
 use super::{
-    AccuracyError, Objects, OcclusionError, OcclusionLine, Plan, Report, Setting, Timing, exact,
+    AccuracyError, Objects, OcclusionError, OcclusionLine, Plan, Report, RestLine, Setting, Timing,
+    exact, rest,
 };
-use crate::offline::scenes::{
-    CameraPath, Look, Scene, View,
-    compare::differing_px,
-    stage::{Culling, SceneStage},
+use crate::offline::{
+    OfflineError,
+    scenes::{
+        CameraPath, Look, Scene, View,
+        compare::differing_px,
+        stage::{Culling, SceneStage},
+    },
 };
 
 /// Beyond this, a setting is timed once. units: s
@@ -25,6 +29,7 @@ pub(super) fn measure_scene(
     progress: &ProgressBar,
     report: &mut Report,
     lines: &mut Vec<OcclusionLine>,
+    rests: &mut Vec<RestLine>,
 ) -> Result<String, AccuracyError> {
     let seen = seen_objects(&scene, plan.size)?;
     let mut stage = SceneStage::new(scene, plan.size, Look::Shaded)?;
@@ -38,6 +43,10 @@ pub(super) fn measure_scene(
             &format!("{}, {}: {seen} objects show", stage.scene.name, view.name),
         );
         report.save(&path, &image::DynamicImage::ImageRgba8(picture).into_rgb8())?;
+    }
+    // From there next to nothing is hidden.
+    for view in views.iter().filter(|view| view.name == "above") {
+        rests.push(rest::measure_rest(&mut stage, view, plan.quick, progress)?);
     }
     for &path in plan.paths() {
         measure_path(&mut stage, path, plan, progress, lines)?;
@@ -85,8 +94,7 @@ fn measure_view(
                 false_cull_px,
                 false_cull_frames: u32::from(false_cull_px > 0),
                 missed_culls: Some(drawn.saturating_sub(seen) as f64 / drawn.max(1) as f64),
-                of_exact: exact::removable(stage, culling)?
-                    .map(|of| of.removed as f64 / of.by_exact_test.max(1) as f64),
+                of_exact: exact::removable(stage, culling)?.and_then(exact::Removable::share),
             },
             frames: 1,
             ..line(stage, view.name, culling, plan)
@@ -132,14 +140,15 @@ fn measure_path(
     progress: &ProgressBar,
     lines: &mut Vec<OcclusionLine>,
 ) -> Result<(), AccuracyError> {
-    let mut whole: Vec<image::RgbaImage> = Vec::new();
-    for culling in plan.settings(false) {
+    // Compressed: a long path's pictures would fill the memory.
+    let mut whole: Vec<Vec<u8>> = Vec::new();
+    for culling in plan.path_settings() {
         stage.set_frame(path, 0);
         stage.cull(&culling);
         let mut times = Vec::new();
         let mut drawn = 0;
         let mut error = OcclusionError::default();
-        for frame in 0..plan.path_frames() {
+        for frame in 0..plan.path_frames {
             stage.set_frame(path, frame);
             let start = Instant::now();
             stage.offline.step();
@@ -148,27 +157,45 @@ fn measure_path(
             let picture = stage.picture()?;
             match whole.get(frame as usize) {
                 Some(whole) => {
-                    let differing = differing_px(&picture, whole);
+                    let differing = differing_px(&picture, &unpacked(whole)?);
                     error.false_cull_px += differing;
                     error.false_cull_frames += u32::from(differing > 0);
                 }
-                None => whole.push(picture),
+                None => whole.push(packed(&picture)?),
             }
         }
         lines.push(OcclusionLine {
             time_ms: Timing::of(times),
             objects: Objects {
                 all: stage.scene.objects.len(),
-                drawn: drawn as f64 / f64::from(plan.path_frames()),
+                drawn: drawn as f64 / f64::from(plan.path_frames),
                 seen: None,
             },
             error,
-            frames: plan.path_frames(),
+            frames: plan.path_frames,
             ..line(stage, path.name(), &culling, plan)
         });
         progress.inc(1);
     }
     Ok(())
+}
+
+/// A picture as PNG.
+fn packed(picture: &image::RgbaImage) -> Result<Vec<u8>, OfflineError> {
+    use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+    let mut bytes = Vec::new();
+    let encoder =
+        PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
+    picture
+        .write_with_encoder(encoder)
+        .map_err(|error| OfflineError::ReadBack(error.to_string()))?;
+    Ok(bytes)
+}
+
+fn unpacked(bytes: &[u8]) -> Result<image::RgbaImage, OfflineError> {
+    image::load_from_memory_with_format(bytes, image::ImageFormat::Png)
+        .map(image::DynamicImage::into_rgba8)
+        .map_err(|error| OfflineError::ReadBack(error.to_string()))
 }
 
 fn line(stage: &SceneStage, what: &str, culling: &Culling, plan: &Plan) -> OcclusionLine {
@@ -182,5 +209,23 @@ fn line(stage: &SceneStage, what: &str, culling: &Culling, plan: &Plan) -> Occlu
         frames: 0,
         size_px: plan.size.to_array(),
         adapter: stage.offline.adapter(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_kept_picture_is_the_same_and_a_changed_one_is_not() {
+        let picture = image::RgbaImage::from_fn(37, 19, |x, y| {
+            image::Rgba([x as u8 * 7, y as u8 * 13, (x ^ y) as u8, 255 - x as u8])
+        });
+        let kept = unpacked(&packed(&picture).expect("it is packed")).expect("it is unpacked");
+        assert_eq!(differing_px(&picture, &kept), 0);
+        let mut other = picture.clone();
+        other.get_pixel_mut(36, 18).0[2] ^= 1;
+        assert_eq!(differing_px(&other, &kept), 1);
+        assert!(unpacked(&[1, 2, 3]).is_err());
     }
 }

@@ -3,8 +3,11 @@
 
 pub mod cost;
 mod exact;
+mod highlights;
 mod measure;
 mod report;
+pub mod rest;
+mod setting;
 
 use std::path::{Path, PathBuf};
 
@@ -25,6 +28,11 @@ use crate::{
 };
 
 pub use cost::CostLine;
+pub use rest::RestLine;
+pub use setting::Setting;
+
+/// Frames of a path from which on only the defaults are measured on it.
+const LONG_PATH: u32 = 100;
 
 const PATHS: [CameraPath; 4] = [
     CameraPath::Walk,
@@ -64,6 +72,9 @@ pub struct Plan {
     pub model: Option<PathBuf>,
     /// A glTF binary with a node and mesh a building, else a city made by code.
     pub city: Option<PathBuf>,
+    /// Frames of each path, at least 1. From 100 on only the defaults are measured on paths, beside the unculled
+    /// reference.
+    pub path_frames: u32,
 }
 
 impl Plan {
@@ -75,6 +86,7 @@ impl Plan {
             scenes: SCENES.map(|(kind, _)| kind).to_vec(),
             model: None,
             city: None,
+            path_frames: 40,
         }
     }
 
@@ -83,6 +95,7 @@ impl Plan {
         Self {
             size: UVec2::new(320, 180),
             quick: true,
+            path_frames: 6,
             ..Self::full()
         }
     }
@@ -97,10 +110,6 @@ impl Plan {
         } else {
             &PATHS
         }
-    }
-
-    fn path_frames(&self) -> u32 {
-        if self.quick { 6 } else { 40 }
     }
 
     /// How many boxes the main-world cost is measured with.
@@ -183,61 +192,15 @@ impl Plan {
         }
         settings
     }
-}
 
-/// A setting, by the names of its flags.
-#[derive(Serialize, Clone, Debug, PartialEq)]
-pub struct Setting {
-    /// `none`, `frustum`, `bevy`, `z-buffer`, or `z-buffer-prepass`: behind a depth prepass.
-    pub culling: &'static str,
-    /// What stands for an object.
-    pub volume: Option<&'static str>,
-    /// How the depth buffer is read.
-    pub sampling: Option<String>,
-    /// Whether each removed object is tested again.
-    pub recheck: Option<&'static str>,
-}
-
-impl Setting {
-    fn of(culling: &Culling) -> Self {
-        let (name, settings) = match culling {
-            Culling::None => ("none", None),
-            Culling::Frustum => ("frustum", None),
-            Culling::Bevy => ("bevy", None),
-            Culling::ZBuffer(settings) => ("z-buffer", Some(settings)),
-            Culling::ZBufferAfterPrepass(settings) => ("z-buffer-prepass", Some(settings)),
-        };
-        Self {
-            culling: name,
-            volume: settings.map(|settings| match settings.volume {
-                OccludeeVolume::Aabb => "aabb",
-                OccludeeVolume::Obb => "obb",
-                OccludeeVolume::Proxy { .. } => "proxy",
-            }),
-            sampling: settings.map(|settings| match settings.sampling {
-                Sampling::Conservative { block: 0 } => "conservative".into(),
-                Sampling::Conservative { block } => format!("conservative-{block}"),
-                Sampling::Strided { x, y } => format!("strided-{x}x{y}"),
-            }),
-            recheck: settings.map(|settings| match settings.recheck {
-                Recheck::SameFrame => "same-frame",
-                Recheck::Never => "never",
-            }),
+    /// Every setting that a path is measured with, the unculled reference first.
+    fn path_settings(&self) -> Vec<Culling> {
+        let mut settings = self.settings(false);
+        if self.path_frames >= LONG_PATH {
+            settings
+                .retain(|culling| *culling == Culling::None || Setting::of(culling).is_default());
         }
-    }
-
-    /// In words, for tables.
-    fn words(&self) -> String {
-        [
-            Some(self.culling),
-            self.volume,
-            self.sampling.as_deref(),
-            self.recheck,
-        ]
-        .into_iter()
-        .flatten()
-        .collect::<Vec<_>>()
-        .join(" ")
+        settings
     }
 }
 
@@ -284,7 +247,8 @@ pub struct OcclusionError {
     pub false_cull_frames: u32,
     /// Share of the objects drawn that show no pixel; of views only.
     pub missed_culls: Option<f64>,
-    /// Share removed of what an exact test of the same volume against every pixel's depth would remove.
+    /// Share removed of what an exact test of the same volume against every pixel's depth would remove; where that
+    /// is nothing, there is none.
     pub of_exact: Option<f64>,
 }
 
@@ -299,12 +263,19 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
     if let Ok(style) = ProgressStyle::with_template("{spinner} {pos} {elapsed} {msg}") {
         progress.set_style(style);
     }
-    let mut lines = Vec::new();
+    let (mut lines, mut rests) = (Vec::new(), Vec::new());
     let mut adapter = String::new();
     for &kind in &plan.scenes {
         for scene in plan.make(kind)? {
             progress.set_message(scene.name.clone());
-            adapter = measure::measure_scene(scene, plan, &progress, &mut report, &mut lines)?;
+            adapter = measure::measure_scene(
+                scene,
+                plan,
+                &progress,
+                &mut report,
+                &mut lines,
+                &mut rests,
+            )?;
         }
     }
     let mut costs = Vec::new();
@@ -319,7 +290,9 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
     report::draw(&mut report, &lines)?;
     report.results(&lines)?;
     report.csv(&report::csv(&lines))?;
-    let tables = report::tables(&lines, &costs);
+    let highlights = highlights::of(&lines, rests, costs);
+    let mut tables = highlights.tables();
+    tables.extend(report::tables(&lines));
     let head = format!(
         "{}×{} px; {adapter}; times are medians of whole frames until the GPU was done, {} alternating rounds.",
         plan.size.x,
@@ -336,7 +309,7 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
         seconds: start.elapsed().as_secs_f64(),
         index,
         files: report.into_files(),
-        highlights: report::highlights(&lines, &costs),
+        highlights: highlights.json(),
     })
 }
 
@@ -346,7 +319,7 @@ mod tests {
 
     #[test]
     fn every_setting_is_measured_once_and_every_one_at_first_views() {
-        for (plan, count) in [(Plan::full(), 33), (Plan::quick(), 9)] {
+        for (plan, count) in [(Plan::full(), 40), (Plan::quick(), 11)] {
             let settings = plan.settings(true);
             assert_eq!(settings.len(), count);
             let names: std::collections::BTreeSet<_> =
@@ -356,6 +329,17 @@ mod tests {
                 rests: false,
                 ..ZBufferOcclusion::default()
             };
+            let long = Plan {
+                path_frames: 500,
+                ..plan.clone()
+            };
+            for settings in [plan.path_settings(), long.path_settings()] {
+                assert_eq!(settings[0], Culling::None);
+                for culling in [Culling::ZBuffer, Culling::ZBufferAfterPrepass] {
+                    assert!(settings.contains(&culling(default.clone())));
+                }
+            }
+            assert_eq!(long.path_settings().len(), 3);
             for first in [true, false] {
                 assert!(
                     plan.settings(first)

@@ -1,8 +1,10 @@
 //! The measured lines as plots and tables.
 
+use bevy::math::UVec2;
+
 use super::{
     super::report::{Table, short},
-    AccuracyError, CostLine, OcclusionLine, Report,
+    AccuracyError, OcclusionLine, Report,
 };
 use crate::offline::plot::{Axis, LinePlot, Series};
 
@@ -14,12 +16,12 @@ const PAPER: [(&str, [f64; 3]); 2] = [
 ];
 
 /// The parts of `scene/view`.
-fn parts(line: &OcclusionLine) -> (&str, &str) {
+pub(super) fn parts(line: &OcclusionLine) -> (&str, &str) {
     line.scene.split_once('/').unwrap_or((&line.scene, ""))
 }
 
 /// Values in the order of their first appearance.
-fn distinct<'a>(values: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+pub(super) fn distinct<'a>(values: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let mut found: Vec<&str> = Vec::new();
     for value in values {
         if !found.contains(&value) {
@@ -29,14 +31,15 @@ fn distinct<'a>(values: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     found
 }
 
-fn of<'a>(lines: &'a [OcclusionLine], scene: &str) -> Vec<&'a OcclusionLine> {
+pub(super) fn of<'a>(lines: &'a [OcclusionLine], scene: &str) -> Vec<&'a OcclusionLine> {
     lines.iter().filter(|line| line.scene == scene).collect()
 }
 
 /// Side of a block, of conservative samplings.
 fn block(line: &OcclusionLine) -> Option<f64> {
-    let sampling = line.setting.sampling.as_deref()?;
-    sampling.strip_prefix("conservative-")?.parse().ok()
+    line.setting
+        .block_px(UVec2::from_array(line.size_px))
+        .map(f64::from)
 }
 
 pub(super) fn draw(report: &mut Report, lines: &[OcclusionLine]) -> Result<(), AccuracyError> {
@@ -56,7 +59,7 @@ pub(super) fn draw(report: &mut Report, lines: &[OcclusionLine]) -> Result<(), A
     draw_counts(report, lines)
 }
 
-/// A figure over the side of the blocks: a line for each volume, and one across for each peer.
+/// A figure over the side of the blocks: a line for each volume, and one across for each other way to cull.
 fn draw_blocks(
     report: &mut Report,
     scene: &str,
@@ -70,7 +73,9 @@ fn draw_blocks(
         let points = lines
             .iter()
             .filter(|line| {
-                line.setting.volume == Some(volume) && line.setting.recheck == Some("same-frame")
+                line.setting.culling == "z-buffer"
+                    && line.setting.volume == Some(volume)
+                    && line.setting.recheck == Some("same-frame")
             })
             .filter_map(|line| Some((block(line)?, value(line))));
         series.push(Series {
@@ -81,7 +86,10 @@ fn draw_blocks(
     }
     let ends = lines.iter().filter_map(|line| block(line));
     let (low, high) = ends.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
-    for line in lines.iter().filter(|line| line.setting.volume.is_none()) {
+    for line in lines
+        .iter()
+        .filter(|line| line.setting.culling != "z-buffer")
+    {
         series.push(Series {
             name: line.setting.culling.to_owned(),
             points: vec![(low, value(line)), (high, value(line))],
@@ -113,10 +121,7 @@ fn draw_counts(report: &mut Report, lines: &[OcclusionLine]) -> Result<(), Accur
     let mut series: Vec<Series> = Vec::new();
     for line in front {
         let setting = &line.setting;
-        let plain = setting.volume.is_none()
-            || (setting.sampling.as_deref() == Some("conservative-4")
-                && setting.recheck == Some("same-frame"));
-        if !plain {
+        if setting.volume.is_some() && !setting.is_default() {
             continue;
         }
         let name = setting.words();
@@ -150,7 +155,8 @@ fn draw_counts(report: &mut Report, lines: &[OcclusionLine]) -> Result<(), Accur
     Ok(())
 }
 
-pub(super) fn tables(lines: &[OcclusionLine], costs: &[CostLine]) -> Vec<Table> {
+/// A table for each scene and view, or scene and path.
+pub(super) fn tables(lines: &[OcclusionLine]) -> Vec<Table> {
     let share = |value: Option<f64>| value.map_or_else(|| "–".into(), short);
     let heads = [
         "culling",
@@ -191,27 +197,6 @@ pub(super) fn tables(lines: &[OcclusionLine], costs: &[CostLine]) -> Vec<Table> 
             rows.collect(),
         ));
     }
-    let heads = [
-        "candidates",
-        "half out of view",
-        "CheckVisibility ms",
-        "ours ms",
-        "ratio",
-    ];
-    let rows = costs.iter().map(|cost| {
-        vec![
-            cost.candidates.to_string(),
-            if cost.half_out_of_view { "yes" } else { "no" }.to_owned(),
-            short(cost.check_visibility_ms.median),
-            share(cost.occlusion_ms.map(|time| time.median)),
-            share(cost.ratio),
-        ]
-    });
-    tables.push((
-        "Main-world time, against Bevy's own visibility check".into(),
-        heads.map(str::to_owned).to_vec(),
-        rows.collect(),
-    ));
     tables
 }
 
@@ -273,36 +258,4 @@ pub(super) fn csv(lines: &[OcclusionLine]) -> Table {
         heads.map(str::to_owned).to_vec(),
         rows.collect(),
     )
-}
-
-/// For each scene and view: time and objects drawn of the peers and of our default, and what all of ours took
-/// away wrongly.
-pub(super) fn highlights(lines: &[OcclusionLine], costs: &[CostLine]) -> serde_json::Value {
-    let scenes = distinct(lines.iter().map(|line| line.scene.as_str()));
-    let of_scene = |scene: &str| {
-        let lines = of(lines, scene);
-        let shown = lines.iter().filter(|line| {
-            let setting = &line.setting;
-            setting.volume.is_none()
-                || (setting.volume == Some("obb")
-                    && setting.sampling.as_deref() == Some("conservative-4")
-                    && setting.recheck == Some("same-frame"))
-        });
-        let figures = shown.map(|line| {
-            let figures = serde_json::json!({
-                "time_ms": line.time_ms.median,
-                "drawn": line.objects.drawn,
-                "false_cull_px": line.error.false_cull_px,
-            });
-            (line.setting.culling.to_owned(), figures)
-        });
-        (
-            scene.to_owned(),
-            figures.collect::<serde_json::Map<_, _>>().into(),
-        )
-    };
-    serde_json::json!({
-        "scenes": scenes.into_iter().map(of_scene).collect::<serde_json::Map<_, serde_json::Value>>(),
-        "main_world": costs,
-    })
 }
