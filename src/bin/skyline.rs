@@ -68,6 +68,9 @@ struct AccuracyArgs {
     /// default settings only.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     path_frames: Option<u32>,
+    /// How often each setting has its turn to be timed.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    rounds: Option<u32>,
     /// Directory to write to; made if it is not there.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -332,6 +335,7 @@ fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
         model: args.model.clone(),
         city: args.city.clone(),
         path_frames: args.path_frames.unwrap_or(base.path_frames),
+        rounds: args.rounds.map_or(base.rounds, |rounds| rounds as usize),
         ..base
     };
     print_json(&occlusion::measure(&plan, &args.out)?);
@@ -345,10 +349,11 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
     let of_occlusion = args.model.is_some()
         || args.city.is_some()
         || !args.scenes.is_empty()
-        || args.path_frames.is_some();
+        || args.path_frames.is_some()
+        || args.rounds.is_some();
     if of_occlusion {
         return Err(CliError::Usage(
-            "--model, --city, --scenes and --path-frames are for occlusion: terrain and shadow take a --heightmap"
+            "--model, --city, --scenes, --path-frames and --rounds are for occlusion: terrain and shadow take a --heightmap"
                 .into(),
         ));
     }

@@ -316,7 +316,7 @@ mod tests {
     fn a_groups_bound_follows_what_hangs_below_it() {
         let mut world = World::new();
         let e: Vec<Entity> = (0..6).map(|_| world.spawn_empty().id()).collect();
-        let mut objects = vec![at(e[0], 0.0), at(e[1], 10.0), at(e[2], 100.0)];
+        let mut objects = [at(e[0], 0.0), at(e[1], 10.0), at(e[2], 100.0)];
         let mut groups = Groups::default();
         // root e[3] has a group e[4] with slots 0 and 1, and slot 2 itself.
         groups.place(0, [e[4], e[3]]);
@@ -399,7 +399,7 @@ mod tests {
     fn a_member_without_a_finite_bound_leaves_its_groups_without_one() {
         let mut world = World::new();
         let e: Vec<Entity> = (0..4).map(|_| world.spawn_empty().id()).collect();
-        let mut objects = vec![at(e[0], 0.0), at(e[1], f32::NAN)];
+        let mut objects = [at(e[0], 0.0), at(e[1], f32::NAN)];
         let mut groups = Groups::default();
         groups.place(0, [e[2], e[3]]);
         groups.place(1, [e[2], e[3]]);

@@ -262,7 +262,7 @@ mod tests {
         let mut pace = Pace::default();
         run(&mut pace, 200, |_| frame(10.0, 0.2, 1000, 0));
         assert_eq!(pace.plan(), Plan::Rest);
-        let [work, ..] = run(&mut pace, 200, |plan| {
+        let [work, ..] = run(&mut pace, 400, |plan| {
             frame(10.0, 0.2, 1000, if plan == Plan::Rest { 0 } else { 500 })
         });
         assert!(work > 0 && pace.plan() == Plan::Work);

@@ -106,6 +106,18 @@ impl OccludeeQueryItem<'_, '_> {
     }
 }
 
+/// A mesh that moved.
+type MeshMoved = (With<Mesh3d>, Changed<GlobalTransform>);
+
+/// Marks whose loss may make a candidate of a mesh.
+type MarksLost<'w, 's> = (
+    RemovedComponents<'w, 's, NoOcclusionCulling>,
+    RemovedComponents<'w, 's, NoFrustumCulling>,
+    RemovedComponents<'w, 's, SkinnedMesh>,
+    RemovedComponents<'w, 's, MeshMorphWeights>,
+    RemovedComponents<'w, 's, NoAutoAabb>,
+);
+
 /// What makes [`update_occludees`] look at an entity again, of what every mesh has.
 type MeshChanged = Or<(Changed<Mesh3d>, Changed<Aabb>)>;
 
@@ -130,7 +142,7 @@ pub fn update_occludees(
     everything: Query<OccludeeQuery>,
     changed: Query<OccludeeQuery, MeshChanged>,
     few: FewChanged,
-    moved: Query<(Entity, &GlobalTransform), (With<Mesh3d>, Changed<GlobalTransform>)>,
+    moved: Query<(Entity, &GlobalTransform), MeshMoved>,
     parents: Query<&ChildOf>,
     children: Query<&Children>,
     reparented: Query<Entity, (Changed<ChildOf>, Without<Mesh3d>)>,
@@ -139,13 +151,7 @@ pub fn update_occludees(
         RemovedComponents<Mesh3d>,
         RemovedComponents<Aabb>,
     ),
-    (mut let_in, mut bounded, mut unskinned, mut unmorphed, mut auto_aabb): (
-        RemovedComponents<NoOcclusionCulling>,
-        RemovedComponents<NoFrustumCulling>,
-        RemovedComponents<SkinnedMesh>,
-        RemovedComponents<MeshMorphWeights>,
-        RemovedComponents<NoAutoAabb>,
-    ),
+    (mut let_in, mut bounded, mut unskinned, mut unmorphed, mut auto_aabb): MarksLost,
 ) {
     let asked = cameras
         .iter()

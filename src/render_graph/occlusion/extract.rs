@@ -59,22 +59,23 @@ pub struct ExtractedOcclusion {
     pub all: bool,
 }
 
+/// What is taken over of a camera.
+type CameraData<'w> = (
+    Entity,
+    RenderEntity,
+    &'w Camera,
+    &'w ZBufferOcclusion,
+    &'w OcclusionCamera,
+    &'w CulledEntities,
+);
+
 /// Fills [`ExtractedOcclusion`].
 pub fn extract_occlusion(
     mut extracted: ResMut<ExtractedOcclusion>,
     gpu: Res<GpuOccludees>,
     table: Extract<Res<Occludees>>,
     frame: Extract<Res<FrameCount>>,
-    cameras: Extract<
-        Query<(
-            Entity,
-            RenderEntity,
-            &Camera,
-            &ZBufferOcclusion,
-            &OcclusionCamera,
-            &CulledEntities,
-        )>,
-    >,
+    cameras: Extract<Query<CameraData>>,
 ) {
     let extracted = &mut *extracted;
     extracted.spare.append(&mut extracted.cameras);

@@ -128,6 +128,14 @@ type CameraData<'w> = (
     Has<DeferredPrepass>,
 );
 
+/// What meshes and materials are.
+type Drawables<'w> = (
+    Res<'w, RenderMaterialInstances>,
+    Res<'w, ErasedRenderAssets<PreparedMaterial>>,
+    Res<'w, RenderMeshInstances>,
+    Res<'w, RenderAssets<RenderMesh>>,
+);
+
 /// Gives every camera that removed something its late view, with this frame's entities, the camera's keys and the
 /// phases kept since the last frame. What cannot be drawn late goes back to the camera: it blends, its material has
 /// a depth bias or is not known yet, it is no mesh of triangles; or nothing can be tested again this frame.
@@ -141,12 +149,7 @@ pub fn prepare_late_views(
     mut late_views: ResMut<LateViews>,
     cameras: Query<CameraData>,
     mut lists: Query<&mut RenderExtractedVisibleEntities>,
-    (instances, materials, meshes, render_meshes): (
-        Res<RenderMaterialInstances>,
-        Res<ErasedRenderAssets<PreparedMaterial>>,
-        Res<RenderMeshInstances>,
-        Res<RenderAssets<RenderMesh>>,
-    ),
+    (instances, materials, meshes, render_meshes): Drawables,
     (pipelines, cache, device): (
         Res<OcclusionPipelines>,
         Res<PipelineCache>,

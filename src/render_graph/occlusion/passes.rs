@@ -175,6 +175,10 @@ pub fn build_late_prepass(
 }
 
 /// Draw commands of the late view's main pass, where the camera has no prepass: Bevy has built its own by then.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "Bevy's system of the same kind has them"
+)]
 pub fn build_late_main(
     view: ViewQuery<Entity, Without<bevy::pbr::ShadowView>>,
     prepasses: Query<(), WithPrepass>,
@@ -216,16 +220,19 @@ fn late_camera(extracted: &ExtractedOcclusion, view: Entity) -> Option<Entity> {
         .map(|camera| camera.main)
 }
 
+/// What a prepass draws to.
+type PrepassData<'w> = (
+    &'w ExtractedCamera,
+    &'w ViewDepthTexture,
+    &'w ViewPrepassTextures,
+    Has<DeferredPrepass>,
+    Option<&'w MainPassResolutionOverride>,
+);
+
 /// The late view's prepass, after the camera's.
 pub fn late_view_prepass(
     world: &World,
-    view: ViewQuery<(
-        &ExtractedCamera,
-        &ViewDepthTexture,
-        &ViewPrepassTextures,
-        Has<DeferredPrepass>,
-        Option<&MainPassResolutionOverride>,
-    )>,
+    view: ViewQuery<PrepassData>,
     extracted: Res<ExtractedOcclusion>,
     opaque: Res<ViewBinnedRenderPhases<Opaque3dPrepass>>,
     alpha_mask: Res<ViewBinnedRenderPhases<AlphaMask3dPrepass>>,

@@ -22,9 +22,10 @@ const SLOW_S: f64 = 4.0;
 const WARM_FRAMES: usize = 5;
 const TIMED_FRAMES: usize = 3;
 
-/// Measures a scene; returns the GPU's name.
+/// Measures a scene, its first view with every setting there is if `every` says so; returns the GPU's name.
 pub(super) fn measure_scene(
     scene: Scene,
+    every: bool,
     plan: &Plan,
     progress: &ProgressBar,
     report: &mut Report,
@@ -35,7 +36,7 @@ pub(super) fn measure_scene(
     let mut stage = SceneStage::new(scene, plan.size, Look::Shaded)?;
     let views = stage.scene.views.clone();
     for (index, (view, seen)) in views.iter().zip(seen).enumerate() {
-        let settings = plan.settings(index == 0);
+        let settings = plan.settings(every && index == 0);
         let picture = measure_view(&mut stage, view, seen, &settings, plan, progress, lines)?;
         let name = format!("{}_{}", stage.scene.name, view.name);
         let path = report.file(
@@ -104,7 +105,7 @@ fn measure_view(
     // Settings alternate, so that whatever else the machine does meets all of them alike.
     let mut times = vec![Vec::new(); settings.len()];
     let mut slow = vec![false; settings.len()];
-    for _ in 0..plan.rounds() {
+    for _ in 0..plan.rounds {
         for (index, culling) in settings.iter().enumerate() {
             if slow[index] {
                 continue;

@@ -75,6 +75,8 @@ pub struct Plan {
     /// Frames of each path, at least 1. From 100 on only the defaults are measured on paths, beside the unculled
     /// reference.
     pub path_frames: u32,
+    /// How often each setting has its turn to be timed, at least 1.
+    pub rounds: usize,
 }
 
 impl Plan {
@@ -87,6 +89,7 @@ impl Plan {
             model: None,
             city: None,
             path_frames: 40,
+            rounds: 3,
         }
     }
 
@@ -96,16 +99,13 @@ impl Plan {
             size: UVec2::new(320, 180),
             quick: true,
             path_frames: 6,
+            rounds: 1,
             ..Self::full()
         }
     }
 
-    fn rounds(&self) -> usize {
-        if self.quick { 1 } else { 3 }
-    }
-
     fn paths(&self) -> &'static [CameraPath] {
-        if self.quick {
+        if self.quick && self.path_frames < 100 {
             &[CameraPath::Walk, CameraPath::Teleport]
         } else {
             &PATHS
@@ -145,8 +145,8 @@ impl Plan {
         })
     }
 
-    /// Every setting that a view is measured with; the first view of a scene with all of them.
-    fn settings(&self, first_view: bool) -> Vec<Culling> {
+    /// The settings that a view is measured with: all there are, or those that change one thing.
+    fn settings(&self, every: bool) -> Vec<Culling> {
         let mut settings = vec![
             Culling::None,
             Culling::Frustum,
@@ -156,7 +156,7 @@ impl Plan {
                 ..ZBufferOcclusion::default()
             }),
         ];
-        let all = first_view && !self.quick;
+        let all = every && !self.quick;
         let volumes = [
             OccludeeVolume::Aabb,
             OccludeeVolume::Obb,
@@ -268,8 +268,11 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
     for &kind in &plan.scenes {
         for scene in plan.make(kind)? {
             progress.set_message(scene.name.clone());
+            // One scene is enough for what comes of changing several things at once.
+            let every = kind == SceneKind::City || plan.scenes.len() == 1;
             adapter = measure::measure_scene(
                 scene,
+                every,
                 plan,
                 &progress,
                 &mut report,
@@ -295,9 +298,7 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
     tables.extend(report::tables(&lines));
     let head = format!(
         "{}×{} px; {adapter}; times are medians of whole frames until the GPU was done, {} alternating rounds.",
-        plan.size.x,
-        plan.size.y,
-        plan.rounds(),
+        plan.size.x, plan.size.y, plan.rounds,
     );
     report.tables(&head, &tables)?;
     let index = report.index("What accuracy costs: occlusion culling", &head, &tables)?;
