@@ -71,6 +71,9 @@ struct AccuracyArgs {
     /// How often each setting has its turn to be timed.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     rounds: Option<u32>,
+    /// Measure occlusion only with settings that change one thing, as --quick does.
+    #[arg(long)]
+    few_settings: bool,
     /// Directory to write to; made if it is not there.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -336,6 +339,7 @@ fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
         city: args.city.clone(),
         path_frames: args.path_frames.unwrap_or(base.path_frames),
         rounds: args.rounds.map_or(base.rounds, |rounds| rounds as usize),
+        every_setting: base.every_setting && !args.few_settings,
         ..base
     };
     print_json(&occlusion::measure(&plan, &args.out)?);
@@ -350,10 +354,11 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
         || args.city.is_some()
         || !args.scenes.is_empty()
         || args.path_frames.is_some()
-        || args.rounds.is_some();
+        || args.rounds.is_some()
+        || args.few_settings;
     if of_occlusion {
         return Err(CliError::Usage(
-            "--model, --city, --scenes, --path-frames and --rounds are for occlusion: terrain and shadow take a --heightmap"
+            "--model, --city, --scenes, --path-frames, --rounds and --few-settings are for occlusion: terrain and shadow take a --heightmap"
                 .into(),
         ));
     }

@@ -161,8 +161,8 @@ pub struct OcclusionCamera {
     pub(crate) reads: bool,
     /// Whether all candidates are tested by the GPU this frame.
     pub(crate) predicts_on_gpu: bool,
-    /// Candidates left in view last frame, and whose turn it is to be tested.
-    pub(crate) seen_candidates: u32,
+    /// In how many turns what is seen is tested, and whose turn it is.
+    pub(crate) turns: u32,
     pub(crate) turn: u32,
     pub(crate) mailbox: Mailbox,
     pub(crate) pace: Pace,

@@ -20,7 +20,7 @@
 //! | `prepare_occlusion_bind_groups` | `Render`, `PrepareBindGroups` | – | – | batches, whose instances are to be drawn late, are built by then |
 //! | `keep_late_phases` | `Render`, `Cleanup` | – | – | Bevy drops phases that no camera of the main world stands behind |
 //! | `unpack_bins` | `UnpackLateBins`, for each late view before any camera | – | – | a late view's draws need what Bevy unpacks for its own |
-//! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass` | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
+//! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass`, the lights' late shadow passes | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; draw commands that the lights still need are not rebuilt before; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
 //! | `recheck::<WithoutPrepass>`, `build_late_main`, `late_opaque` | `Core3d`, `MainPass`, chained | `main_opaque_pass_3d` | `terrain_shade`, `main_transparent_pass_3d` | all that is drawn early is in the depth; pixels drawn late are not lit as terrain; transparency blends over them |
 //!
 //! `terrain_shadow` is one dispatch of `terrain_shadow` or `shadow_sweep`, then `shadow_mips`.

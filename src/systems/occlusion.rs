@@ -51,6 +51,8 @@ pub const CPU_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/occlusion/
 /// Candidates not hidden that the CPU tests in one frame, about; the others have their turn in the next ones. Nothing
 /// but time is lost with it: they are drawn.
 const SEEN_TESTS: u32 = 1000;
+/// If one in so many tests finds something hidden, all have their turn at once.
+const WORTH_ALL: u32 = 16;
 /// Frames after which each of them had its turn, at most.
 const MOST_TURNS: u32 = 16;
 
@@ -350,6 +352,7 @@ fn cull_camera(
     state.predicts_on_gpu = false;
     if plan == Plan::Rest {
         state.hidden.clear(0);
+        state.turns = 1;
         counts.rescued = 0;
         if let Some(old) = state.newest.take() {
             state.mailbox.recycle(old);
@@ -384,11 +387,10 @@ fn cull_camera(
         }
     }
     let on_gpu = slots > 0 && list.len() >= settings.gpu_from;
-    // What is seen is tested in turns where there is much of it.
-    let seen = state.seen_candidates;
+    // What is seen is tested in turns where there is much of it, unless there is much to be found.
     let turns = match plan {
         Plan::Probe => 1,
-        _ => seen.div_ceil(SEEN_TESTS).clamp(1, MOST_TURNS),
+        _ => state.turns.max(1),
     };
     state.turn = state.turn.wrapping_add(u32::from(is_fresh));
     let turn = state.turn % turns;
@@ -410,7 +412,7 @@ fn cull_camera(
     if is_final {
         state.in_view_now.clear(slots);
     }
-    let (mut candidates, mut hidden_ones) = (0, 0);
+    let (mut candidates, mut hidden_ones, mut found) = (0, 0, 0);
     list.retain(|entity| {
         let Some(slot) = table.slot(*entity) else {
             return true;
@@ -434,7 +436,10 @@ fn cull_camera(
             slot % turns == turn
         } {
             match descent.verdict(slot) {
-                Some(Verdict::Hidden) => state.hidden.insert(slot),
+                Some(Verdict::Hidden) => {
+                    found += u32::from(!hidden);
+                    state.hidden.insert(slot);
+                }
                 Some(Verdict::Visible | Verdict::Outside) => state.hidden.remove(slot),
                 None => {}
             }
@@ -458,7 +463,14 @@ fn cull_camera(
     }
     state.predicts_on_gpu = on_gpu;
     counts.candidates = candidates;
-    state.seen_candidates = candidates - state.removed.count() as u32;
+    let seen = candidates - hidden_ones;
+    state.turns = if is_fresh && found * WORTH_ALL <= descent.tested {
+        seen.div_ceil(SEEN_TESTS).min(MOST_TURNS)
+    } else if is_fresh {
+        1
+    } else {
+        state.turns
+    };
     counts.removed = culled.map_or(0, |culled| culled.len() as u32);
     counts.tested = descent.tested;
     counts.spared = descent.spared;

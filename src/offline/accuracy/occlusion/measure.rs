@@ -47,7 +47,7 @@ pub(super) fn measure_scene(
     }
     // From there next to nothing is hidden.
     for view in views.iter().filter(|view| view.name == "above") {
-        rests.push(rest::measure_rest(&mut stage, view, plan.quick, progress)?);
+        rests.push(rest::measure_rest(&mut stage, view, plan.rounds, progress)?);
     }
     for &path in plan.paths() {
         measure_path(&mut stage, path, plan, progress, lines)?;

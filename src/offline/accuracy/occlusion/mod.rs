@@ -77,6 +77,8 @@ pub struct Plan {
     pub path_frames: u32,
     /// How often each setting has its turn to be timed, at least 1.
     pub rounds: usize,
+    /// Whether some view is measured with settings that change several things at once.
+    pub every_setting: bool,
 }
 
 impl Plan {
@@ -90,6 +92,7 @@ impl Plan {
             city: None,
             path_frames: 40,
             rounds: 3,
+            every_setting: true,
         }
     }
 
@@ -100,6 +103,7 @@ impl Plan {
             quick: true,
             path_frames: 6,
             rounds: 1,
+            every_setting: false,
             ..Self::full()
         }
     }
@@ -156,7 +160,7 @@ impl Plan {
                 ..ZBufferOcclusion::default()
             }),
         ];
-        let all = every && !self.quick;
+        let all = every && self.every_setting;
         let volumes = [
             OccludeeVolume::Aabb,
             OccludeeVolume::Obb,

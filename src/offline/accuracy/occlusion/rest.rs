@@ -48,7 +48,7 @@ pub struct RestLine {
 pub(super) fn measure_rest(
     stage: &mut SceneStage,
     view: &View,
-    quick: bool,
+    rounds: usize,
     progress: &ProgressBar,
 ) -> Result<RestLine, AccuracyError> {
     let ours = |rests| {
@@ -66,7 +66,7 @@ pub(super) fn measure_rest(
     stage.look(view.transform);
     let mut times: [Vec<f64>; 3] = Default::default();
     let mut rested_frames = 0;
-    for _ in 0..if quick { 1 } else { 5 } {
+    for _ in 0..rounds {
         for ((culling, warm), times) in ways.iter().zip(&mut times) {
             stage.set_culling(culling);
             for _ in 0..*warm {
