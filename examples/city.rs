@@ -14,13 +14,12 @@
 
 #[path = "common/city_options.rs"]
 mod city_options;
+#[path = "common/command_line.rs"]
+mod command_line;
 #[path = "common/overview.rs"]
 mod overview;
 
-use std::{
-    num::NonZero,
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
 use bevy::{
     camera::{ClearColorConfig, RenderTarget, visibility::NoFrustumCulling},
@@ -44,8 +43,9 @@ use bevy_skyline::{
     },
     prelude::*,
 };
-use city_options::{CityError, Options, has_display};
+use city_options::{CityError, Options};
 use clap::Parser;
+use command_line::{exit_with, has_display};
 use overview::{Overview, OverviewPlugin, Tally};
 
 /// What is left out.
@@ -96,16 +96,8 @@ struct City {
 
 fn main() -> AppExit {
     let options = Options::parse();
-    run(&options).unwrap_or_else(|error| {
-        eprintln!("city: {error}");
-        // 2: other input would have helped; 1: another machine would.
-        let code = if matches!(error, CityError::Offline(_)) {
-            1
-        } else {
-            2
-        };
-        NonZero::new(code).map_or(AppExit::error(), AppExit::Error)
-    })
+    run(&options)
+        .unwrap_or_else(|error| exit_with("city", &error, matches!(error, CityError::Offline(_))))
 }
 
 fn run(options: &Options) -> Result<AppExit, CityError> {

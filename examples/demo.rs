@@ -13,7 +13,6 @@
 mod common;
 
 use std::{
-    num::NonZero,
     path::{Path, PathBuf},
     time::{Duration, Instant},
 };
@@ -34,6 +33,7 @@ use bevy_skyline::{
 };
 use clap::Parser;
 use common::{
+    command_line::{exit_with, has_display, size},
     landscape,
     scene::{Viewpoint, camera, diagonal_m, populate},
 };
@@ -65,15 +65,6 @@ struct Options {
     /// What it looks at, in metres.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "eye")]
     target: Option<Vec3>,
-}
-
-fn size(text: &str) -> Result<UVec2, String> {
-    let (width, height) = text.split_once('x').ok_or("not of the form 1280x720")?;
-    let side = |text: &str| text.parse::<u32>().ok().filter(|n| *n > 0);
-    let (width, height) = side(width)
-        .zip(side(height))
-        .ok_or("not two whole numbers above 0")?;
-    Ok(UVec2::new(width, height))
 }
 
 fn point(text: &str) -> Result<Vec3, String> {
@@ -112,16 +103,8 @@ enum DemoError {
 
 fn main() -> AppExit {
     let options = Options::parse();
-    run(&options).unwrap_or_else(|error| {
-        eprintln!("demo: {error}");
-        // 2: other input would have helped; 1: another machine would.
-        let code = if matches!(error, DemoError::Offline(_)) {
-            1
-        } else {
-            2
-        };
-        NonZero::new(code).map_or(AppExit::error(), AppExit::Error)
-    })
+    run(&options)
+        .unwrap_or_else(|error| exit_with("demo", &error, matches!(error, DemoError::Offline(_))))
 }
 
 fn run(options: &Options) -> Result<AppExit, DemoError> {
@@ -165,12 +148,6 @@ fn casting(options: &Options) -> TerrainRayCasting {
         max_error_px: options.max_error_px.max(0.0),
         ..default()
     }
-}
-
-/// Whether there is something to open a window on. Bevy panics where there is not.
-fn has_display() -> bool {
-    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    !cfg!(target_os = "linux") || set("DISPLAY")
 }
 
 /// One picture, and how long its frames take.

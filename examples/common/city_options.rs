@@ -6,6 +6,8 @@ use bevy::prelude::*;
 use bevy_skyline::offline::{OfflineError, scenes::SceneError};
 use clap::Parser;
 
+use crate::command_line::size;
+
 /// Flies through a city in a window, or makes a picture of it.
 #[derive(Parser)]
 #[command(name = "city")]
@@ -26,15 +28,6 @@ pub struct Options {
     pub frames: u32,
 }
 
-fn size(text: &str) -> Result<UVec2, String> {
-    let (width, height) = text.split_once('x').ok_or("not of the form 1280x720")?;
-    let side = |text: &str| text.parse::<u32>().ok().filter(|n| *n > 0);
-    let (width, height) = side(width)
-        .zip(side(height))
-        .ok_or("not two whole numbers above 0")?;
-    Ok(UVec2::new(width, height))
-}
-
 /// Why there is nothing to see; says itself in one line.
 #[derive(thiserror::Error, Debug)]
 pub enum CityError {
@@ -51,10 +44,4 @@ pub enum CityError {
         path: PathBuf,
         source: image::ImageError,
     },
-}
-
-/// Whether there is something to open a window on. Bevy panics where there is not.
-pub fn has_display() -> bool {
-    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    !cfg!(target_os = "linux") || set("DISPLAY")
 }

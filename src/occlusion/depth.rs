@@ -260,44 +260,20 @@ pub struct GpuOcclusionView {
 }
 
 impl GpuOcclusionView {
-    /// Of a view whose depth is reduced on the GPU.
-    ///
-    /// # Limits
-    /// A viewport that is empty or larger than [`MOST_SIDE_PX`] has no levels, and all is visible.
-    pub fn new(clip_from_world: Mat4, viewport: UVec2, sampling: Sampling) -> Self {
-        let fits = viewport.min_element() > 0 && viewport.max_element() <= MOST_SIDE_PX;
-        let levels = if fits {
-            layout(viewport, sampling.block(viewport))
-        } else {
-            Vec::new()
-        };
-        Self::with_levels(
-            clip_from_world,
-            viewport.as_vec2(),
-            sampling.block(viewport),
-            sampling.is_strided(),
-            &levels,
-        )
-    }
-
-    fn with_levels(
-        clip_from_world: Mat4,
-        viewport: Vec2,
-        block: UVec2,
-        strided: bool,
-        levels: &[DepthLevel],
-    ) -> Self {
+    /// Of a view whose depth is reduced on the GPU: everything but `header`'s texels is looked at. `origin` is the
+    /// viewport's top left pixel in the depth texture.
+    pub fn of_header(header: &ReducedDepth, origin: UVec2) -> Self {
         let mut level = [[0; 4]; MOST_LEVELS];
-        for (gpu, cpu) in level.iter_mut().zip(levels) {
+        for (gpu, cpu) in level.iter_mut().zip(&header.levels) {
             *gpu = [cpu.first, cpu.size.x, cpu.size.y, 0];
         }
         Self {
-            clip_from_world: clip_from_world.to_cols_array_2d(),
-            viewport: viewport.to_array(),
-            block: block.max(UVec2::ONE).to_array(),
-            strided: u32::from(strided),
-            level_count: levels.len() as u32,
-            origin: [0; 2],
+            clip_from_world: header.clip_from_world.to_cols_array_2d(),
+            viewport: header.viewport.to_array(),
+            block: header.block.max(UVec2::ONE).to_array(),
+            strided: u32::from(header.strided),
+            level_count: header.levels.len() as u32,
+            origin: origin.to_array(),
             level,
         }
     }
@@ -306,17 +282,14 @@ impl GpuOcclusionView {
 impl From<&ReducedDepth> for GpuOcclusionView {
     /// Without levels if the depth is not [consistent](ReducedDepth::is_consistent): then all is visible.
     fn from(depth: &ReducedDepth) -> Self {
-        let levels: &[DepthLevel] = if depth.is_consistent() {
-            &depth.levels
-        } else {
-            &[]
-        };
-        Self::with_levels(
-            depth.clip_from_world,
-            depth.viewport,
-            depth.block,
-            depth.strided,
-            levels,
-        )
+        let view = Self::of_header(depth, UVec2::ZERO);
+        if depth.is_consistent() {
+            return view;
+        }
+        Self {
+            level_count: 0,
+            level: [[0; 4]; MOST_LEVELS],
+            ..view
+        }
     }
 }

@@ -3,14 +3,11 @@
 
 use bevy::{
     ecs::entity::EntityHashMap,
-    math::{Affine3A, Vec3, Vec3A},
+    math::{Affine3A, Vec3A},
     prelude::*,
 };
 
-use super::{
-    occludees::{NO_SLOT, Occludee},
-    volume::LocalBox,
-};
+use super::{obb::aligned, occludees::Occludee, volume::LocalBox};
 
 /// No group.
 pub const NO_GROUP: u32 = u32::MAX;
@@ -172,7 +169,7 @@ impl Groups {
         state.stale = false;
         state.bound = reach
             .filter(|(low, high)| low.cmple(*high).all())
-            .map(|(low, high)| between(low, high));
+            .map(|(low, high)| aligned(low.into(), high.into()));
     }
 
     fn group_of(&mut self, owner: Entity) -> u32 {
@@ -273,24 +270,6 @@ fn reach_of(world_from_local: &Affine3A, volume: &LocalBox) -> (Vec3A, Vec3A) {
     (centre - half - slack, centre + half + slack)
 }
 
-/// The box between two corners, rounded outward.
-fn between(low: Vec3A, high: Vec3A) -> LocalBox {
-    let centre = low * 0.5 + high * 0.5;
-    let half = (high - centre).max(centre - low) * (1.0 + 2.0 * f32::EPSILON);
-    let half = Vec3::from(half);
-    LocalBox {
-        centre: centre.into(),
-        axes: [
-            Vec3::new(half.x, 0.0, 0.0),
-            Vec3::new(0.0, half.y, 0.0),
-            Vec3::new(0.0, 0.0, half.z),
-        ],
-    }
-}
-
-/// Unused slots are in no group.
-const _: () = assert!(NO_SLOT == NO_GROUP);
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -300,7 +279,7 @@ mod tests {
             entity,
             mesh: AssetId::default(),
             world_from_local: Affine3A::from_translation(Vec3::new(x, 0.0, 0.0)),
-            volume: between(Vec3A::splat(-1.0), Vec3A::splat(1.0)),
+            volume: aligned(Vec3::splat(-1.0), Vec3::splat(1.0)),
             proxy: None,
         }
     }

@@ -112,6 +112,13 @@ impl Occludees {
         &self.assigned
     }
 
+    /// Brings the groups' bounds up to date.
+    pub(crate) fn refresh_groups(&mut self) {
+        let mut groups = core::mem::take(&mut self.groups);
+        groups.refresh(|slot| self.get(slot));
+        self.groups = groups;
+    }
+
     /// Puts an entity in, or changes what is known of it.
     pub(crate) fn insert(&mut self, occludee: Occludee) -> u32 {
         let index = occludee.entity.index_u32() as usize;

@@ -87,11 +87,6 @@ impl Pace {
         self.rest.saturating_sub(self.frames)
     }
 
-    /// Starts over, working.
-    pub fn restart(&mut self) {
-        *self = Self::default();
-    }
-
     /// Takes in what the present frame took and did, and plans the next.
     pub fn step(&mut self, frame: &Frame) -> Plan {
         self.frames = self.frames.saturating_add(1);

@@ -21,10 +21,10 @@ use crate::{
         CulledEntities, NoOcclusionCulling, OccludeeVolume, OcclusionCamera, OcclusionCounts,
         Recheck, ZBufferOcclusion,
         meshes::OccludeeMeshes,
-        obb::aligned,
         occludees::{Occludee, Occludees},
         pace::{Frame, Plan},
         verdict::{DepthTest, Verdict},
+        volume::LocalBox,
     },
     render_graph::occlusion::OcclusionStats,
 };
@@ -100,7 +100,7 @@ impl OccludeeQueryItem<'_, '_> {
             world_from_local: self.place.affine(),
             volume: known
                 .and_then(|mesh| mesh.obb)
-                .unwrap_or_else(|| aligned(self.aabb.min().into(), self.aabb.max().into())),
+                .unwrap_or_else(|| LocalBox::from(*self.aabb)),
             proxy: known
                 .filter(|_| proxies)
                 .and_then(|mesh| mesh.proxy.clone()),
@@ -282,12 +282,7 @@ pub fn cull_occluded(
         )
     };
     let table = &mut *table;
-    {
-        let slots = core::mem::take(&mut table.groups);
-        let mut groups = slots;
-        groups.refresh(|slot| table.get(slot));
-        table.groups = groups;
-    }
+    table.refresh_groups();
     let gpu_ms = store
         .as_deref()
         .map_or(0.0, |store| paths.gpu_ms(store).unwrap_or(0.0));
@@ -430,11 +425,12 @@ fn cull_camera(
         }
         // The recheck says of what was removed whether it still is hidden.
         let hidden = state.hidden.contains(slot);
-        if if hidden {
+        let due = if hidden {
             is_final
         } else {
             slot % turns == turn
-        } {
+        };
+        if due {
             match descent.verdict(slot) {
                 Some(Verdict::Hidden) => {
                     found += u32::from(!hidden);

@@ -7,7 +7,10 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_skyline::{offline::Offline, prelude::*};
+use bevy_skyline::{
+    offline::{Offline, scenes::compare::differing_px},
+    prelude::*,
+};
 
 pub const SIZE: UVec2 = UVec2::new(160, 120);
 
@@ -124,9 +127,8 @@ impl Scene {
                 .expect("the picture can be read")
         });
         let background = *plain.get_pixel(0, 0);
-        let differing = culled.pixels().zip(plain.pixels()).filter(|(a, b)| a != b);
         (
-            differing.count(),
+            differing_px(&culled, &plain) as usize,
             plain.pixels().filter(|p| **p != background).count(),
         )
     }

@@ -11,6 +11,11 @@ use serde::Serialize;
 /// A table: title, heads, rows.
 pub type Table = (String, Vec<String>, Vec<Vec<String>>);
 
+/// A cell that may be empty.
+pub fn optional(value: Option<impl ToString>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
+}
+
 /// Why a file could not be written.
 #[derive(thiserror::Error, Debug)]
 #[error("cannot write {}: {reason}; choose another directory with --out", path.display())]

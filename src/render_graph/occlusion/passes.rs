@@ -195,19 +195,69 @@ pub fn build_late_main(
     }
 }
 
-/// Draws a phase of a late view with its camera's bind groups.
-fn draw<'w, P: BinnedPhaseItem>(
-    phases: &ViewBinnedRenderPhases<P>,
-    camera: Entity,
-    pass: &mut TrackedRenderPass<'w>,
-    world: &'w World,
+/// A pass of a late view: where it draws to, with its camera's bind groups.
+struct LatePass<'a> {
+    label: &'static str,
+    colours: &'a [Option<RenderPassColorAttachment<'a>>],
+    depth: &'a ViewDepthTexture,
+    camera: &'a ExtractedCamera,
+    resolution: Option<&'a MainPassResolutionOverride>,
+    /// The camera in the main world, and its view.
+    main: Entity,
     view: Entity,
-) {
-    if let Some(phase) = phases.get(&late_view_of(camera))
-        && !phase.is_empty()
-        && let Err(error) = phase.render(pass, world, view)
-    {
-        error_once!("what was hidden could not be drawn late: {error:?}");
+}
+
+impl LatePass<'_> {
+    /// Draws the opaque and the alpha-masked phase.
+    fn draw<O: BinnedPhaseItem, A: BinnedPhaseItem>(
+        &self,
+        world: &World,
+        ctx: &mut RenderContext,
+        opaque: &ViewBinnedRenderPhases<O>,
+        alpha_mask: &ViewBinnedRenderPhases<A>,
+    ) {
+        let diagnostics = ctx.diagnostic_recorder();
+        let diagnostics = diagnostics.as_deref();
+        let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
+            label: Some(self.label),
+            color_attachments: self.colours,
+            depth_stencil_attachment: Some(self.depth.get_attachment(StoreOp::Store)),
+            ..default()
+        });
+        let span = diagnostics.pass_span(&mut pass, self.label);
+        if let Some(viewport) =
+            Viewport::from_viewport_and_override(self.camera.viewport.as_ref(), self.resolution)
+        {
+            pass.set_camera_viewport(&viewport);
+        }
+        self.draw_phase(opaque, &mut pass, world);
+        self.draw_phase(alpha_mask, &mut pass, world);
+        span.end(&mut pass);
+    }
+
+    fn draw_phase<'w, P: BinnedPhaseItem>(
+        &self,
+        phases: &ViewBinnedRenderPhases<P>,
+        pass: &mut TrackedRenderPass<'w>,
+        world: &'w World,
+    ) {
+        if let Some(phase) = phases.get(&late_view_of(self.main))
+            && !phase.is_empty()
+            && let Err(error) = phase.render(pass, world, self.view)
+        {
+            error_once!("what was hidden could not be drawn late: {error:?}");
+        }
+    }
+}
+
+/// Brings Bevy's copy of the depth, made before the late view's prepass, up to date.
+fn copy_depth(ctx: &mut RenderContext, depth: &ViewDepthTexture, textures: &ViewPrepassTextures) {
+    if let Some(copy) = &textures.depth {
+        ctx.command_encoder().copy_texture_to_texture(
+            depth.texture.as_image_copy(),
+            copy.texture.texture.as_image_copy(),
+            textures.size,
+        );
     }
 }
 
@@ -258,27 +308,18 @@ pub fn late_view_prepass(
         true => &colours[..],
         false => &[],
     };
-    let diagnostics = ctx.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
-        label: Some("late_view_prepass"),
-        color_attachments: colours,
-        depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
-        ..default()
-    });
-    let span = diagnostics.pass_span(&mut pass, "late_view_prepass");
-    set_viewport(&mut pass, camera, resolution);
-    draw(&opaque, main, &mut pass, world, entity);
-    draw(&alpha_mask, main, &mut pass, world, entity);
-    span.end(&mut pass);
-    drop(pass);
-    // Bevy's copy of the depth was made before this.
-    if !deferred && let Some(copy) = &textures.depth {
-        ctx.command_encoder().copy_texture_to_texture(
-            depth.texture.as_image_copy(),
-            copy.texture.texture.as_image_copy(),
-            textures.size,
-        );
+    let pass = LatePass {
+        label: "late_view_prepass",
+        colours,
+        depth,
+        camera,
+        resolution,
+        main,
+        view: entity,
+    };
+    pass.draw(world, &mut ctx, &opaque, &alpha_mask);
+    if !deferred {
+        copy_depth(&mut ctx, depth, textures);
     }
 }
 
@@ -313,28 +354,17 @@ pub fn late_view_deferred(
             .as_ref()
             .map(|t| t.get_attachment()),
     ];
-    let diagnostics = ctx.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    {
-        let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
-            label: Some("late_view_deferred"),
-            color_attachments: &colours,
-            depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
-            ..default()
-        });
-        let span = diagnostics.pass_span(&mut pass, "late_view_deferred");
-        set_viewport(&mut pass, camera, resolution);
-        draw(&opaque, main, &mut pass, world, entity);
-        draw(&alpha_mask, main, &mut pass, world, entity);
-        span.end(&mut pass);
-    }
-    if let Some(copy) = &textures.depth {
-        ctx.command_encoder().copy_texture_to_texture(
-            depth.texture.as_image_copy(),
-            copy.texture.texture.as_image_copy(),
-            textures.size,
-        );
-    }
+    let pass = LatePass {
+        label: "late_view_deferred",
+        colours: &colours,
+        depth,
+        camera,
+        resolution,
+        main,
+        view: entity,
+    };
+    pass.draw(world, &mut ctx, &opaque, &alpha_mask);
+    copy_depth(&mut ctx, depth, textures);
 }
 
 /// The late view's opaque and alpha-masked meshes, after the camera's.
@@ -356,29 +386,14 @@ pub fn late_opaque(
         return;
     };
     let (camera, target, depth, resolution) = view.into_inner();
-    let diagnostics = ctx.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
-        label: Some("late_opaque"),
-        color_attachments: &[Some(target.get_color_attachment())],
-        depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
-        ..default()
-    });
-    let span = diagnostics.pass_span(&mut pass, "late_opaque");
-    set_viewport(&mut pass, camera, resolution);
-    draw(&opaque, main, &mut pass, world, entity);
-    draw(&alpha_mask, main, &mut pass, world, entity);
-    span.end(&mut pass);
-}
-
-fn set_viewport(
-    pass: &mut TrackedRenderPass,
-    camera: &ExtractedCamera,
-    resolution: Option<&MainPassResolutionOverride>,
-) {
-    if let Some(viewport) =
-        Viewport::from_viewport_and_override(camera.viewport.as_ref(), resolution)
-    {
-        pass.set_camera_viewport(&viewport);
-    }
+    let pass = LatePass {
+        label: "late_opaque",
+        colours: &[Some(target.get_color_attachment())],
+        depth,
+        camera,
+        resolution,
+        main,
+        view: entity,
+    };
+    pass.draw(world, &mut ctx, &opaque, &alpha_mask);
 }

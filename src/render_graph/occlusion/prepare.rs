@@ -135,11 +135,10 @@ pub fn prepare_occlusion(
             strided: camera.sampling.is_strided(),
             samples: msaa.samples(),
         };
-        let mut gpu = GpuOcclusionView::new(clip_from_world, size, camera.sampling);
-        gpu.origin = view.viewport.xy().to_array();
         let Some(header) = reducible(clip_from_world, size, camera.sampling, &device) else {
             continue;
         };
+        let gpu = GpuOcclusionView::of_header(&header, view.viewport.xy());
         let texels = texel_count(&header.levels);
         let words = extracted.slots.div_ceil(32).max(1);
         let fits = views

@@ -3,7 +3,7 @@
 use bevy::math::UVec2;
 
 use super::{
-    super::report::{Table, short},
+    super::report::{Table, optional, short},
     AccuracyError, OcclusionLine, Report,
 };
 use crate::offline::plot::{Axis, LinePlot, Series};
@@ -224,9 +224,6 @@ pub(super) fn csv(lines: &[OcclusionLine]) -> Table {
         "height",
         "adapter",
     ];
-    fn optional(value: Option<impl ToString>) -> String {
-        value.map_or_else(String::new, |value| value.to_string())
-    }
     let rows = lines.iter().map(|line| {
         let (setting, error) = (&line.setting, &line.error);
         vec![

@@ -5,7 +5,10 @@ use super::{
     *,
 };
 use crate::offline::{
-    accuracy::{Table, report::short},
+    accuracy::{
+        Table,
+        report::{optional, short},
+    },
     plot::{Axis, LinePlot, Series},
 };
 
@@ -364,9 +367,6 @@ pub(super) fn csv(lines: &[ShadowLine]) -> Table {
         "height",
         "adapter",
     ];
-    fn optional(value: Option<impl ToString>) -> String {
-        value.map_or_else(String::new, |value| value.to_string())
-    }
     let rows = lines.iter().map(|line| {
         let (setting, error) = (&line.setting, &line.error);
         vec![
