@@ -5,7 +5,7 @@ use bevy_skyline::offline::scenes::{
     CameraPath, Look, Scene, SceneError, SceneObject,
     bunnies::{self, Block},
     city::{self, CitySize},
-    compare::compare_frames,
+    compare::{Difference, compare_frames},
     obj,
     paths::PATHS,
     seabed::seabed,
@@ -287,7 +287,7 @@ fn frames_that_differ_are_found_and_frames_that_do_not_are_not() {
     b.cull(&Culling::Frustum);
     for (path, name) in PATHS {
         let differ = compare_frames(&mut a, &mut b, path, 0..12).expect("pictures come back");
-        assert_eq!(differ, vec![0; 12], "{name}");
+        assert_eq!(differ, vec![Difference::default(); 12], "{name}");
     }
     // What shows most, the ground among it, goes missing in one of them.
     let Some(mut truth) = stage(a.scene.clone(), Look::Ids) else {
@@ -311,7 +311,7 @@ fn frames_that_differ_are_found_and_frames_that_do_not_are_not() {
     }
     let differ =
         compare_frames(&mut a, &mut b, CameraPath::Walk, 0..3).expect("pictures come back");
-    assert!(differ.iter().all(|px| *px > 0), "{differ:?}");
+    assert!(differ.iter().all(|differ| differ.lost_px > 0), "{differ:?}");
 }
 
 /// P2's Fig. 17: one view that shows nine of the 256 blocks, one that shows 46.

@@ -29,6 +29,7 @@ use bevy::{
 
 use super::{
     Look, Scene, SceneObject,
+    compare::Frame,
     ids::{self, ObjectIdPlugin},
 };
 use crate::{
@@ -238,6 +239,14 @@ impl SceneStage {
     /// [`OfflineError::ReadBack`].
     pub fn picture(&self) -> Result<image::RgbaImage, OfflineError> {
         self.offline.picture(&self.target)
+    }
+
+    /// The picture last drawn, and its depth.
+    ///
+    /// # Errors
+    /// [`OfflineError::ReadBack`].
+    pub fn frame(&self) -> Result<Frame, OfflineError> {
+        Frame::new(self.picture()?, &self.depth()?)
     }
 
     /// Objects drawn in the last frame.

@@ -23,8 +23,10 @@ const PAPER_VISIBLE: f64 = 0.825 / 0.811;
 /// prepass or not.
 #[derive(Serialize, Clone, Debug)]
 pub(super) struct Highlights {
-    /// Pixels that differ from the unculled picture, in all rows of the defaults together.
+    /// Pixels that show another surface than the unculled picture, in all rows of the defaults together.
     pub false_cull_px: u64,
+    /// Pixels of another colour at the very same depth, there.
+    pub tied_px: u64,
     /// Frames that these rows looked at.
     pub frames: u32,
     /// The least share that the defaults removed of what an exact test of the same volumes would remove.
@@ -92,6 +94,7 @@ pub(super) fn of(
     };
     Highlights {
         false_cull_px: defaults().map(|line| line.error.false_cull_px).sum(),
+        tied_px: defaults().map(|line| line.error.tied_px).sum(),
         frames: defaults().map(|line| line.frames).sum(),
         of_exact_min: defaults()
             .filter_map(|line| line.error.of_exact)
@@ -181,6 +184,10 @@ impl Highlights {
             (
                 "Pixels wrong, all rows of the defaults",
                 format!("{} in {} frames", self.false_cull_px, self.frames),
+            ),
+            (
+                "Pixels of another colour at the same depth, there",
+                self.tied_px.to_string(),
             ),
             (
                 "Removed of what an exact test would, least",
@@ -343,11 +350,12 @@ mod tests {
     fn what_is_wrong_shows() {
         let mut lines = lines();
         lines[2].error.false_cull_px = 3;
+        lines[2].error.tied_px = 5;
         lines[2].error.of_exact = Some(0.9);
         lines[3].error.of_exact = Some(0.7);
         lines[3].objects.drawn = 11.0;
         let highlights = of(&lines, Vec::new(), Vec::new());
-        assert_eq!(highlights.false_cull_px, 3);
+        assert_eq!((highlights.false_cull_px, highlights.tied_px), (3, 5));
         assert_eq!(highlights.of_exact_min, Some(0.7));
         let [more] = &highlights.draws_more_than_bevy[..] else {
             panic!("{highlights:?}");

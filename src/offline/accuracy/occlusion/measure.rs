@@ -7,13 +7,10 @@ use super::{
     AccuracyError, Objects, OcclusionError, OcclusionLine, Plan, Report, RestLine, Setting, Timing,
     exact, rest,
 };
-use crate::offline::{
-    OfflineError,
-    scenes::{
-        CameraPath, Look, Scene, View,
-        compare::differing_px,
-        stage::{Culling, SceneStage},
-    },
+use crate::offline::scenes::{
+    CameraPath, Look, Scene, View,
+    compare::{Frame, PackedFrame},
+    stage::{Culling, SceneStage},
 };
 
 /// Beyond this, a setting is timed once. units: s
@@ -49,7 +46,7 @@ pub(super) fn measure_scene(
     for view in views.iter().filter(|view| view.name == "above") {
         rests.push(rest::measure_rest(&mut stage, view, plan.rounds, progress)?);
     }
-    for &path in plan.paths() {
+    for path in plan.paths() {
         measure_path(&mut stage, path, plan, progress, lines)?;
     }
     Ok(stage.offline.adapter())
@@ -78,13 +75,12 @@ fn measure_view(
 ) -> Result<image::RgbaImage, AccuracyError> {
     stage.look(view.transform);
     let first = lines.len();
-    let mut whole: Option<image::RgbaImage> = None;
+    let mut whole: Option<Frame> = None;
     for culling in settings {
         stage.cull(culling);
         let drawn = stage.drawn()?;
-        let picture = stage.picture()?;
-        let whole = whole.get_or_insert_with(|| picture.clone());
-        let false_cull_px = differing_px(&picture, whole);
+        let frame = stage.frame()?;
+        let difference = frame.difference(whole.get_or_insert_with(|| frame.clone()));
         lines.push(OcclusionLine {
             objects: Objects {
                 all: stage.scene.objects.len(),
@@ -92,10 +88,9 @@ fn measure_view(
                 seen: Some(seen),
             },
             error: OcclusionError {
-                false_cull_px,
-                false_cull_frames: u32::from(false_cull_px > 0),
                 missed_culls: Some(drawn.saturating_sub(seen) as f64 / drawn.max(1) as f64),
                 of_exact: exact::removable(stage, culling)?.and_then(exact::Removable::share),
+                ..OcclusionError::of(difference)
             },
             frames: 1,
             ..line(stage, view.name, culling, plan)
@@ -130,7 +125,7 @@ fn measure_view(
     for (line, times) in lines[first..].iter_mut().zip(times) {
         line.time_ms = Timing::of(times);
     }
-    Ok(whole.unwrap_or_default())
+    Ok(whole.map(|frame| frame.colour).unwrap_or_default())
 }
 
 /// Follows a path with every setting; the unculled frames are the reference.
@@ -141,8 +136,8 @@ fn measure_path(
     progress: &ProgressBar,
     lines: &mut Vec<OcclusionLine>,
 ) -> Result<(), AccuracyError> {
-    // Compressed: a long path's pictures would fill the memory.
-    let mut whole: Vec<Vec<u8>> = Vec::new();
+    // A long path's frames would fill the memory.
+    let mut whole: Vec<PackedFrame> = Vec::new();
     for culling in plan.path_settings() {
         stage.set_frame(path, 0);
         stage.cull(&culling);
@@ -155,14 +150,10 @@ fn measure_path(
             stage.offline.step();
             times.push(1e3 * start.elapsed().as_secs_f64());
             drawn += stage.drawn()?;
-            let picture = stage.picture()?;
+            let drawn_now = stage.frame()?;
             match whole.get(frame as usize) {
-                Some(whole) => {
-                    let differing = differing_px(&picture, &unpacked(whole)?);
-                    error.false_cull_px += differing;
-                    error.false_cull_frames += u32::from(differing > 0);
-                }
-                None => whole.push(packed(&picture)?),
+                Some(whole) => error.add(drawn_now.difference(&whole.unpacked()?)),
+                None => whole.push(drawn_now.packed()?),
             }
         }
         lines.push(OcclusionLine {
@@ -181,24 +172,6 @@ fn measure_path(
     Ok(())
 }
 
-/// A picture as PNG.
-fn packed(picture: &image::RgbaImage) -> Result<Vec<u8>, OfflineError> {
-    use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-    let mut bytes = Vec::new();
-    let encoder =
-        PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
-    picture
-        .write_with_encoder(encoder)
-        .map_err(|error| OfflineError::ReadBack(error.to_string()))?;
-    Ok(bytes)
-}
-
-fn unpacked(bytes: &[u8]) -> Result<image::RgbaImage, OfflineError> {
-    image::load_from_memory_with_format(bytes, image::ImageFormat::Png)
-        .map(image::DynamicImage::into_rgba8)
-        .map_err(|error| OfflineError::ReadBack(error.to_string()))
-}
-
 fn line(stage: &SceneStage, what: &str, culling: &Culling, plan: &Plan) -> OcclusionLine {
     OcclusionLine {
         effect: "occlusion",
@@ -210,23 +183,5 @@ fn line(stage: &SceneStage, what: &str, culling: &Culling, plan: &Plan) -> Occlu
         frames: 0,
         size_px: plan.size.to_array(),
         adapter: stage.offline.adapter(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_kept_picture_is_the_same_and_a_changed_one_is_not() {
-        let picture = image::RgbaImage::from_fn(37, 19, |x, y| {
-            image::Rgba([x as u8 * 7, y as u8 * 13, (x ^ y) as u8, 255 - x as u8])
-        });
-        let kept = unpacked(&packed(&picture).expect("it is packed")).expect("it is unpacked");
-        assert_eq!(differing_px(&picture, &kept), 0);
-        let mut other = picture.clone();
-        other.get_pixel_mut(36, 18).0[2] ^= 1;
-        assert_eq!(differing_px(&other, &kept), 1);
-        assert!(unpacked(&[1, 2, 3]).is_err());
     }
 }

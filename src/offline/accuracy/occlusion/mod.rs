@@ -22,6 +22,8 @@ use crate::{
         CameraPath, Scene,
         bunnies::{self, Block},
         city::{self, CitySize},
+        compare::Difference,
+        paths::PATHS,
         seabed::seabed,
         stage::Culling,
     },
@@ -33,13 +35,6 @@ pub use setting::Setting;
 
 /// Frames of a path from which on only the defaults are measured on it.
 const LONG_PATH: u32 = 100;
-
-const PATHS: [CameraPath; 4] = [
-    CameraPath::Walk,
-    CameraPath::Flight,
-    CameraPath::Spin,
-    CameraPath::Teleport,
-];
 
 /// What scenes to measure on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -108,12 +103,12 @@ impl Plan {
         }
     }
 
-    fn paths(&self) -> &'static [CameraPath] {
-        if self.quick && self.path_frames < 100 {
-            &[CameraPath::Walk, CameraPath::Teleport]
-        } else {
-            &PATHS
-        }
+    fn paths(&self) -> impl Iterator<Item = CameraPath> {
+        let few = self.quick && self.path_frames < LONG_PATH;
+        let kept = move |path: &CameraPath| {
+            !few || matches!(path, CameraPath::Walk | CameraPath::Teleport)
+        };
+        PATHS.into_iter().map(|(path, _)| path).filter(kept)
     }
 
     /// How many boxes the main-world cost is measured with.
@@ -245,15 +240,33 @@ pub struct Objects {
 /// What was wrong.
 #[derive(Serialize, Clone, Copy, Debug, Default, PartialEq)]
 pub struct OcclusionError {
-    /// Pixels that differ from the unculled picture of the same frame, in all frames together.
+    /// Pixels that show another surface than the unculled picture of the same frame, in all frames together.
     pub false_cull_px: u64,
     /// Frames with such pixels.
     pub false_cull_frames: u32,
+    /// Pixels of another colour at the very same depth: surfaces in one plane, drawn in another order.
+    pub tied_px: u64,
     /// Share of the objects drawn that show no pixel; of views only.
     pub missed_culls: Option<f64>,
     /// Share removed of what an exact test of the same volume against every pixel's depth would remove; where that
     /// is nothing, there is none.
     pub of_exact: Option<f64>,
+}
+
+impl OcclusionError {
+    /// Of one frame.
+    fn of(difference: Difference) -> Self {
+        let mut error = Self::default();
+        error.add(difference);
+        error
+    }
+
+    /// One more frame.
+    fn add(&mut self, difference: Difference) {
+        self.false_cull_px += difference.lost_px;
+        self.false_cull_frames += u32::from(difference.lost_px > 0);
+        self.tied_px += difference.tied_px;
+    }
 }
 
 /// Measures occlusion culling and writes everything to a directory.

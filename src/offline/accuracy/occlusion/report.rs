@@ -168,6 +168,7 @@ pub(super) fn tables(lines: &[OcclusionLine]) -> Vec<Table> {
         "false cull px",
         "frames with",
         "of frames",
+        "tied px",
         "missed culls",
         "of exact",
     ];
@@ -187,6 +188,7 @@ pub(super) fn tables(lines: &[OcclusionLine]) -> Vec<Table> {
                 error.false_cull_px.to_string(),
                 error.false_cull_frames.to_string(),
                 line.frames.to_string(),
+                error.tied_px.to_string(),
                 share(error.missed_culls),
                 share(error.of_exact),
             ]
@@ -218,6 +220,7 @@ pub(super) fn csv(lines: &[OcclusionLine]) -> Table {
         "false_cull_px",
         "false_cull_frames",
         "frames",
+        "tied_px",
         "missed_culls",
         "of_exact",
         "width",
@@ -243,6 +246,7 @@ pub(super) fn csv(lines: &[OcclusionLine]) -> Table {
             error.false_cull_px.to_string(),
             error.false_cull_frames.to_string(),
             line.frames.to_string(),
+            error.tied_px.to_string(),
             optional(error.missed_culls),
             optional(error.of_exact),
             line.size_px[0].to_string(),
