@@ -27,6 +27,10 @@ pub enum Effect {
     TerrainShadow,
     /// Z-buffer occlusion culling (P2).
     ZBufferOcclusion,
+    /// Contribution culling (P4).
+    ContributionCulling,
+    /// The frame budget that moves the others' knobs (P4 and beyond).
+    FrameBudget,
 }
 
 /// What an effect is doing.
@@ -78,6 +82,16 @@ impl Effects {
     /// State of Z-buffer occlusion culling.
     pub fn occlusion(&self) -> &EffectState {
         self.state(Effect::ZBufferOcclusion)
+    }
+
+    /// State of contribution culling.
+    pub fn contribution(&self) -> &EffectState {
+        self.state(Effect::ContributionCulling)
+    }
+
+    /// State of the frame budget.
+    pub fn frame_budget(&self) -> &EffectState {
+        self.state(Effect::FrameBudget)
     }
 
     /// Every effect that has reported.

@@ -29,6 +29,9 @@
 //! | [`effects`] | [`Effects`](effects::Effects): what the scene calls for and what it costs |
 //! | [`terrain`] | the height field, its component, its loaders and its CPU queries |
 //! | [`terrain_shadow`] | the shadows it casts: component, lights, what is done when |
+//! | [`culling`] | what the cullings share: the table of candidates, and what a game sees of what was removed |
+//! | [`contribution`] | contribution culling: component, screen areas |
+//! | [`budget`] | the frame budget: measuring, model, controller, knobs |
 //! | [`occlusion`] | Z-buffer occlusion culling: component, volumes, verdicts, what a game sees of it |
 //! | [`systems`] | main-world systems |
 //! | [`render_graph`] | the passes and their order |
@@ -41,6 +44,9 @@
 //! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
 //! maps (P5b). Docs cite them by these numbers. This version has P1, P2 and P5b.
 
+pub mod budget;
+pub mod contribution;
+pub mod culling;
 pub mod effects;
 pub mod occlusion;
 #[cfg(feature = "cli")]
@@ -55,12 +61,18 @@ pub mod terrain_shadow;
 /// What an app usually needs.
 pub mod prelude {
     pub use crate::{
+        budget::{BudgetClock, BudgetState, FrameBudget},
+        contribution::{ContributionCounts, ContributionCulling, Exit, NoContributionCulling},
+        culling::{CullReason, CullSystems, CulledEntities, Culling},
         effects::{Activity, Effect, EffectState, Effects},
         occlusion::{
-            CullReason, CullSystems, CulledEntities, Culling, NoOcclusionCulling, OccludeeVolume,
-            OcclusionCounts, Recheck, Sampling, ZBufferOcclusion,
+            NoOcclusionCulling, OccludeeVolume, OcclusionCounts, Recheck, Sampling,
+            ZBufferOcclusion,
         },
-        plugin::{EffectsPlugin, OcclusionPlugin, SkylinePlugins, TerrainPlugin},
+        plugin::{
+            BudgetPlugin, ContributionPlugin, EffectsPlugin, OcclusionPlugin, SkylinePlugins,
+            TerrainPlugin,
+        },
         terrain::{
             HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour,
             TerrainHit, TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,

@@ -5,7 +5,10 @@
 //! | [`EffectsPlugin`] | – | the [`Effects`] resource | – |
 //! | [`TerrainPlugin`] | [`Terrain`](crate::terrain::Terrain), [`TerrainRayCasting`](crate::terrain::TerrainRayCasting) | `report_terrain` in `Last` | see [`render_graph`] |
 //! | the same | [`TerrainShadow`](crate::terrain_shadow::TerrainShadow), [`ExactLight`](crate::terrain_shadow::ExactLight) | `report_terrain_shadow` in `Last` | see [`render_graph::terrain_shadow`] |
-//! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `build_mesh_volumes`, `update_occludees`, `cull_occluded`, `forget_culled` in `PostUpdate`, in [`CullSystems`](crate::occlusion::CullSystems) after `CheckVisibility`; `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
+//! | [`ContributionPlugin`] | [`ContributionCulling`](crate::contribution::ContributionCulling), [`NoContributionCulling`](crate::contribution::NoContributionCulling) | `measure_areas`, `cull_small`, `forget_small` in `PostUpdate`, in [`CullSteps::Contribution`](crate::culling::CullSteps); `report_contribution` in `Last` | – |
+//! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `cull_occluded`, `forget_occluded` in `PostUpdate`, in [`CullSteps::Occlusion`](crate::culling::CullSteps); `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
+//! | both | – | `build_mesh_volumes`, `update_candidates` in `PostUpdate`, in [`CullSteps::Candidates`](crate::culling::CullSteps) after `CheckVisibility` | – |
+//! | [`BudgetPlugin`] | [`FrameBudget`](crate::budget::FrameBudget) | see [`budget`] | – |
 //!
 //! A feature whose component is nowhere in the scene costs its systems' empty queries and nothing else: no
 //! pipeline, no GPU memory, no pass.
@@ -13,6 +16,7 @@
 use bevy::{app::PluginGroupBuilder, prelude::*};
 
 use crate::{
+    budget, contribution,
     effects::Effects,
     occlusion,
     render_graph::{self, occlusion::OcclusionStats, stats::TerrainStats},
@@ -25,7 +29,9 @@ use crate::{
 /// |---|---|
 /// | [`EffectsPlugin`] | [`Effects`]: which effects the scene calls for, in words |
 /// | [`TerrainPlugin`] | ray-cast terrain and its shadows |
+/// | [`ContributionPlugin`] | what covers too little of the picture is not drawn |
 /// | [`OcclusionPlugin`] | what the depth buffer hides is not drawn |
+/// | [`BudgetPlugin`] | frame time is held by moving the others' knobs |
 pub struct SkylinePlugins;
 
 impl PluginGroup for SkylinePlugins {
@@ -33,7 +39,9 @@ impl PluginGroup for SkylinePlugins {
         PluginGroupBuilder::start::<Self>()
             .add(EffectsPlugin)
             .add(TerrainPlugin)
+            .add(ContributionPlugin)
             .add(OcclusionPlugin)
+            .add(BudgetPlugin)
     }
 }
 
@@ -76,6 +84,34 @@ impl Plugin for TerrainPlugin {
 
     fn finish(&self, app: &mut App) {
         render_graph::add_terrain_passes(app);
+    }
+}
+
+/// Contribution culling (P4).
+pub struct ContributionPlugin;
+
+impl Plugin for ContributionPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<EffectsPlugin>() {
+            app.add_plugins(EffectsPlugin);
+        }
+        contribution::register(app);
+        app.add_systems(
+            Last,
+            systems::contribution::report_contribution.in_set(ReportSystems),
+        );
+    }
+}
+
+/// The frame budget.
+pub struct BudgetPlugin;
+
+impl Plugin for BudgetPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<EffectsPlugin>() {
+            app.add_plugins(EffectsPlugin);
+        }
+        budget::register(app);
     }
 }
 

@@ -1,63 +1,11 @@
-//! What a camera keeps: which entities it removed and why, and what has come back from the GPU.
+//! What a camera keeps from frame to frame, and what has come back from the GPU.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bevy::prelude::*;
 
-use super::{bits::Bits, depth::ReducedDepth, pace::Pace};
-
-/// Why an entity is not among a camera's visible entities.
-#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[reflect(Clone, Debug, PartialEq, Hash)]
-#[non_exhaustive]
-pub enum CullReason {
-    /// It, or something above it in the hierarchy, has `Visibility::Hidden`.
-    Hidden,
-    /// It shares no render layer with the camera.
-    Layers,
-    /// It is out of view, or out of its `VisibilityRange`.
-    Frustum,
-    /// The camera's depth buffer hides it.
-    Occluded,
-}
-
-/// The entities that Skyline took out of a camera's visible entities this frame, and why. Sorted by entity.
-///
-/// Meant for a game to skip animating or simulating what nobody sees; see also [`Culling`](super::Culling). An
-/// entity that the recheck found visible after all was drawn in this very frame, and is missing here two or
-/// three frames later.
-#[derive(Component, Reflect, Clone, Debug, Default)]
-#[reflect(Component, Default, Clone, Debug)]
-pub struct CulledEntities {
-    pub(crate) occluded: Vec<Entity>,
-}
-
-impl CulledEntities {
-    /// Every removed entity with its reason.
-    pub fn iter(&self) -> impl ExactSizeIterator<Item = (Entity, CullReason)> + '_ {
-        self.occluded
-            .iter()
-            .map(|entity| (*entity, CullReason::Occluded))
-    }
-
-    /// Why an entity was removed; `None` if it was not.
-    pub fn reason(&self, entity: Entity) -> Option<CullReason> {
-        self.occluded
-            .binary_search(&entity)
-            .is_ok()
-            .then_some(CullReason::Occluded)
-    }
-
-    /// How many were removed.
-    pub fn len(&self) -> usize {
-        self.occluded.len()
-    }
-
-    /// Whether none was removed.
-    pub fn is_empty(&self) -> bool {
-        self.occluded.is_empty()
-    }
-}
+use super::{depth::ReducedDepth, pace::Pace};
+use crate::culling::bits::Bits;
 
 /// What occlusion culling did for a camera, this frame but for what has to come back from the GPU.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
@@ -138,7 +86,7 @@ impl Mailbox {
 }
 
 /// What a camera with [`ZBufferOcclusion`](super::ZBufferOcclusion) keeps from frame to frame. By slots of
-/// [`Occludees`](super::occludees::Occludees).
+/// [`Candidates`](crate::culling::candidates::Candidates).
 #[derive(Component, Default)]
 pub struct OcclusionCamera {
     /// Predicted hidden.

@@ -18,29 +18,25 @@
 //! flight, moving occluders and occludees, changed lenses and viewports can make a prediction wrong, and then the
 //! recheck pays for it by drawing late; they cannot make the picture wrong.
 
-pub mod bits;
 pub mod camera;
-pub mod culling;
 pub mod depth;
-pub mod groups;
 pub mod meshes;
 pub mod obb;
-pub mod occludees;
 pub mod pace;
 pub mod proxy;
 pub mod verdict;
-pub mod volume;
 
 use bevy::{
-    camera::visibility::VisibilitySystems,
     diagnostic::{Diagnostic, RegisterDiagnostic},
     prelude::*,
 };
 
-pub use camera::{CullReason, CulledEntities, OcclusionCamera, OcclusionCounts};
-pub use culling::Culling;
+pub use camera::{OcclusionCamera, OcclusionCounts};
 
-use crate::systems::occlusion as systems;
+use crate::{
+    culling::{self, CullSteps, CulledEntities},
+    systems::occlusion as systems,
+};
 
 /// On a camera: what its own depth buffer hides is not drawn.
 ///
@@ -136,35 +132,18 @@ pub enum Recheck {
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct NoOcclusionCulling;
 
-/// What takes entities out of cameras' visible entities; in `PostUpdate`, after Bevy's `CheckVisibility`. Whatever
-/// reads `VisibleEntities` or [`CulledEntities`] runs after it.
-#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct CullSystems;
-
 /// Registers types, resources and main-world systems.
 pub(crate) fn register(app: &mut App) {
+    culling::register(app);
     app.register_type::<ZBufferOcclusion>()
         .register_type::<NoOcclusionCulling>()
-        .register_type::<CulledEntities>()
         .register_type::<OcclusionCounts>()
-        .init_resource::<occludees::Occludees>()
-        .init_resource::<meshes::OccludeeMeshes>()
         .init_resource::<systems::OcclusionDiagnosticPaths>()
         .add_systems(
             PostUpdate,
-            (
-                meshes::build_mesh_volumes,
-                systems::update_occludees,
-                systems::cull_occluded,
-                systems::forget_culled,
-            )
+            (systems::cull_occluded, systems::forget_occluded)
                 .chain()
-                .in_set(CullSystems)
-                // An edited mesh is not tested with its old volumes.
-                .after(bevy::asset::AssetEventSystems)
-                // Places, bounds and what is in view are this frame's.
-                .after(VisibilitySystems::CheckVisibility)
-                .after(VisibilitySystems::MarkNewlyHiddenEntitiesInvisible),
+                .in_set(CullSteps::Occlusion),
         );
     for path in [systems::CANDIDATES, systems::REMOVED, systems::RESCUED] {
         app.register_diagnostic(Diagnostic::new(path));

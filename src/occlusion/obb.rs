@@ -3,7 +3,7 @@
 
 use bevy::{camera::primitives::Aabb, math::DVec3, prelude::*};
 
-use crate::occlusion::volume::LocalBox;
+use crate::culling::volume::LocalBox;
 
 /// How often a box may be widened to undo the rounding of its axes to `f32`, before it is given up for the
 /// aligned one.

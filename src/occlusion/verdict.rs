@@ -44,10 +44,8 @@ use bevy::{
     prelude::*,
 };
 
-use super::{
-    depth::{DepthLevel, ReducedDepth},
-    volume::{LocalBox, Proxy, SweptTriangle},
-};
+use super::depth::{DepthLevel, ReducedDepth};
+use crate::culling::volume::{LocalBox, Proxy, SweptTriangle};
 
 /// Error of a clip coordinate relative to the magnitudes it is the sum of: 64u.
 pub const CLIP_ERROR: f32 = 1.0 / (1 << 18) as f32;

@@ -26,10 +26,10 @@ use bevy::{
 
 use super::outcome::outcome;
 use crate::{
+    culling::volume::{LocalBox, Proxy, SweptTriangle},
     occlusion::{
         depth::ReducedDepth,
         verdict::{CLIP_HUGE, CLIP_TINY, SNAP_PX, Verdict},
-        volume::{LocalBox, Proxy, SweptTriangle},
     },
     terrain::view_rays::UNIT_ROUNDOFF,
 };

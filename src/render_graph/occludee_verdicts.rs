@@ -27,12 +27,12 @@ use bevy::{
 use bytemuck::{Pod, Zeroable};
 
 use super::shaders;
-use crate::occlusion::volume::{LocalBox, SweptTriangle};
+use crate::culling::volume::{LocalBox, SweptTriangle};
 
-/// Occludees of a workgroup, as in `occludee_verdicts.wgsl`.
+/// Candidates of a workgroup, as in `occludee_verdicts.wgsl`.
 pub const OCCLUDEES_PER_GROUP: u32 = 64;
 
-/// Mirrors `Occludee` in `occludee_verdicts.wgsl`.
+/// Mirrors `Candidate` in `occludee_verdicts.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct GpuOccludee {

@@ -1,5 +1,7 @@
 //! Systems of the main world, one file a feature.
 
+pub mod candidates;
+pub mod contribution;
 pub mod occlusion;
 pub mod terrain;
 pub mod terrain_shadow;

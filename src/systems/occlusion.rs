@@ -1,30 +1,22 @@
-//! Main-world side of Z-buffer occlusion culling: keeps the table of occludees up to date, predicts, removes,
-//! reports.
+//! Main-world side of Z-buffer occlusion culling: predicts, removes, reports.
 
 use core::{any::TypeId, fmt::Write};
 
 use bevy::{
-    camera::{
-        primitives::Aabb,
-        visibility::{DynamicSkinnedMeshBounds, NoAutoAabb, NoFrustumCulling, VisibleEntities},
-    },
+    camera::visibility::VisibleEntities,
     diagnostic::{DiagnosticPath, Diagnostics, DiagnosticsStore, FrameCount},
-    ecs::{lifecycle::RemovedComponents, query::QueryData},
-    mesh::{morph::MeshMorphWeights, skinning::SkinnedMesh},
+    ecs::lifecycle::RemovedComponents,
     platform::time::Instant,
     prelude::*,
 };
 
 use crate::{
+    culling::{CulledEntities, candidates::Candidates},
     effects::{Effect, EffectState, Effects},
     occlusion::{
-        CulledEntities, NoOcclusionCulling, OccludeeVolume, OcclusionCamera, OcclusionCounts,
-        Recheck, ZBufferOcclusion,
-        meshes::OccludeeMeshes,
-        occludees::{Occludee, Occludees},
+        OcclusionCamera, OcclusionCounts, Recheck, ZBufferOcclusion,
         pace::{Frame, Plan},
         verdict::{DepthTest, Verdict},
-        volume::LocalBox,
     },
     render_graph::occlusion::OcclusionStats,
 };
@@ -56,205 +48,9 @@ const WORTH_ALL: u32 = 16;
 /// Frames after which each of them had its turn, at most.
 const MOST_TURNS: u32 = 16;
 
-/// What [`update_occludees`] looks at.
-#[derive(QueryData)]
-pub struct OccludeeQuery {
-    entity: Entity,
-    mesh: &'static Mesh3d,
-    aabb: &'static Aabb,
-    place: &'static GlobalTransform,
-    own_aabb: Has<NoAutoAabb>,
-    skinned: Has<SkinnedMesh>,
-    skin_bounds: Has<DynamicSkinnedMeshBounds>,
-    morphing: Has<MeshMorphWeights>,
-    unbounded: Has<NoFrustumCulling>,
-    left_out: Has<NoOcclusionCulling>,
-}
-
-impl OccludeeQueryItem<'_, '_> {
-    /// Whether something encloses the entity wherever its vertices go: the `Aabb` of a skinned mesh does not
-    /// unless it follows the skin, that of a morphing one does not unless the user gave it, and what must not be
-    /// culled by the frustum has none that can be trusted.
-    fn is_candidate(&self) -> bool {
-        !self.left_out
-            && !self.unbounded
-            && (!self.skinned || self.skin_bounds || self.own_aabb)
-            && (!self.morphing || self.own_aabb)
-    }
-
-    /// Whether the mesh's own volumes enclose the entity, too: not where its vertices are moved, and not where
-    /// the user gave it a bound of its own.
-    fn is_as_its_mesh(&self) -> bool {
-        !self.own_aabb && !self.skinned && !self.morphing
-    }
-
-    fn occludee(&self, meshes: &OccludeeMeshes, volume: OccludeeVolume) -> Occludee {
-        let known = (self.is_as_its_mesh() && volume != OccludeeVolume::Aabb)
-            .then(|| meshes.get(self.mesh.id()))
-            .flatten()
-            .filter(|mesh| mesh.bounds_all_of(self.aabb));
-        let proxies = matches!(volume, OccludeeVolume::Proxy { .. });
-        Occludee {
-            entity: self.entity,
-            mesh: self.mesh.id(),
-            world_from_local: self.place.affine(),
-            volume: known
-                .and_then(|mesh| mesh.obb)
-                .unwrap_or_else(|| LocalBox::from(*self.aabb)),
-            proxy: known
-                .filter(|_| proxies)
-                .and_then(|mesh| mesh.proxy.clone()),
-        }
-    }
-}
-
-/// A mesh that moved.
-type MeshMoved = (With<Mesh3d>, Changed<GlobalTransform>);
-
-/// Marks whose loss may make a candidate of a mesh.
-type MarksLost<'w, 's> = (
-    RemovedComponents<'w, 's, NoOcclusionCulling>,
-    RemovedComponents<'w, 's, NoFrustumCulling>,
-    RemovedComponents<'w, 's, SkinnedMesh>,
-    RemovedComponents<'w, 's, MeshMorphWeights>,
-    RemovedComponents<'w, 's, NoAutoAabb>,
-);
-
-/// What makes [`update_occludees`] look at an entity again, of what every mesh has.
-type MeshChanged = Or<(Changed<Mesh3d>, Changed<Aabb>)>;
-
-/// The same, of what few have: filters apart, so that a scene's meshes are not gone through once for each.
-type FewChanged<'w, 's> = (
-    Query<'w, 's, OccludeeQuery, Changed<ChildOf>>,
-    Query<'w, 's, OccludeeQuery, Added<NoOcclusionCulling>>,
-    Query<'w, 's, OccludeeQuery, Added<NoAutoAabb>>,
-    Query<'w, 's, OccludeeQuery, Added<NoFrustumCulling>>,
-    Query<'w, 's, OccludeeQuery, Added<SkinnedMesh>>,
-    Query<'w, 's, OccludeeQuery, Added<MeshMorphWeights>>,
-);
-
-/// Keeps [`Occludees`] as the scene is. While no camera asks for culling the table is empty and this does nothing;
-/// otherwise the work is that of what changed.
-#[expect(clippy::too_many_arguments, reason = "each is a kind of change")]
-pub fn update_occludees(
-    cameras: Query<(&ZBufferOcclusion, &Camera)>,
-    mut table: ResMut<Occludees>,
-    mut meshes: ResMut<OccludeeMeshes>,
-    mut wanted: Local<Option<OccludeeVolume>>,
-    everything: Query<OccludeeQuery>,
-    changed: Query<OccludeeQuery, MeshChanged>,
-    few: FewChanged,
-    moved: Query<(Entity, &GlobalTransform), MeshMoved>,
-    parents: Query<&ChildOf>,
-    children: Query<&Children>,
-    reparented: Query<Entity, (Changed<ChildOf>, Without<Mesh3d>)>,
-    (mut no_parent, mut no_mesh, mut no_aabb): (
-        RemovedComponents<ChildOf>,
-        RemovedComponents<Mesh3d>,
-        RemovedComponents<Aabb>,
-    ),
-    (mut let_in, mut bounded, mut unskinned, mut unmorphed, mut auto_aabb): MarksLost,
-) {
-    let asked = cameras
-        .iter()
-        .filter(|(_, camera)| camera.is_active)
-        .map(|(settings, _)| settings.volume)
-        .max_by_key(|volume| match volume {
-            OccludeeVolume::Aabb => 0,
-            OccludeeVolume::Obb => 1,
-            OccludeeVolume::Proxy { triangles } => 2 + u64::from(*triangles),
-        });
-    let known = core::mem::replace(&mut *wanted, asked);
-    let began = Instant::now();
-    let Some(volume) = asked else {
-        if known.is_some() {
-            table.forget();
-            meshes.clear();
-        }
-        return;
-    };
-    table.begin();
-    let table = &mut *table;
-    let mut put = |table: &mut Occludees, item: OccludeeQueryItem| {
-        if !item.is_candidate() {
-            table.remove(item.entity);
-            return;
-        }
-        if item.is_as_its_mesh() {
-            meshes.want(item.mesh.id(), volume);
-        }
-        let slot = table.insert(item.occludee(&meshes, volume));
-        table
-            .groups
-            .place(slot, parents.iter_ancestors(item.entity));
-    };
-    if known != asked {
-        for item in &everything {
-            put(table, item);
-        }
-        // All that has been taken away until now has been seen to.
-        no_parent.clear();
-        no_mesh.clear();
-        no_aabb.clear();
-        table.update_ms = began.elapsed().as_secs_f32() * 1e3;
-        return;
-    }
-    for entity in no_mesh.read().chain(no_aabb.read()) {
-        table.remove(entity);
-    }
-    let few = (few.0.iter())
-        .chain(few.1.iter())
-        .chain(few.2.iter())
-        .chain(few.3.iter())
-        .chain(few.4.iter())
-        .chain(few.5.iter());
-    for item in changed.iter().chain(few) {
-        put(table, item);
-    }
-    let again = let_in
-        .read()
-        .chain(bounded.read())
-        .chain(unskinned.read())
-        .chain(unmorphed.read())
-        .chain(auto_aabb.read());
-    for entity in again {
-        if let Ok(item) = everything.get(entity) {
-            put(table, item);
-        }
-    }
-    for entity in reparented.iter().chain(no_parent.read()) {
-        let below = core::iter::once(entity).chain(children.iter_descendants(entity));
-        for entity in below {
-            if let Some(slot) = table.slot(entity) {
-                table.groups.place(slot, parents.iter_ancestors(entity));
-            }
-        }
-    }
-    for (entity, place) in &moved {
-        if let Some(slot) = table.slot(entity) {
-            table.place(slot, place.affine());
-        }
-    }
-    // Volumes that have been built, or that an edit has made void.
-    if !meshes.changed().is_empty() {
-        let of_changed: Vec<Entity> = table
-            .iter()
-            .filter(|(_, occludee)| meshes.changed().binary_search(&occludee.mesh).is_ok())
-            .map(|(_, occludee)| occludee.entity)
-            .collect();
-        for item in everything.iter_many(of_changed) {
-            let Occludee { volume, proxy, .. } = item.occludee(&meshes, volume);
-            if let Some(slot) = table.slot(item.entity) {
-                table.reshape(slot, volume, proxy);
-            }
-        }
-    }
-    table.update_ms = began.elapsed().as_secs_f32() * 1e3;
-}
-
 /// Takes what the newest depth hides out of each camera's visible entities, in order.
 pub fn cull_occluded(
-    mut table: ResMut<Occludees>,
+    mut table: ResMut<Candidates>,
     stats: Res<OcclusionStats>,
     frame: Res<FrameCount>,
     time: Res<Time<Real>>,
@@ -325,7 +121,7 @@ pub fn cull_occluded(
 fn cull_camera(
     settings: &ZBufferOcclusion,
     state: &mut OcclusionCamera,
-    table: &Occludees,
+    table: &Candidates,
     list: &mut Vec<Entity>,
     plan: Plan,
     mut culled: Option<&mut Vec<Entity>>,
@@ -409,7 +205,7 @@ fn cull_camera(
     }
     let (mut candidates, mut hidden_ones, mut found) = (0, 0, 0);
     list.retain(|entity| {
-        let Some(slot) = table.slot(*entity) else {
+        let Some(slot) = table.occludable(*entity) else {
             return true;
         };
         candidates += 1;
@@ -476,7 +272,7 @@ fn cull_camera(
 
 /// Tests volumes, groups first: what is in a hidden or absent group is not tested.
 struct Descent<'a> {
-    table: &'a Occludees,
+    table: &'a Candidates,
     tester: Option<DepthTest<'a>>,
     /// By group: 0 not known yet, else what its verdict is.
     groups: &'a mut Vec<u8>,
@@ -504,13 +300,13 @@ impl Descent<'_> {
                 return Some(verdict);
             }
         }
-        let occludee = self.table.get(slot)?;
+        let candidate = self.table.get(slot)?;
         self.tested += 1;
         let tester = self.tester.as_ref()?;
         Some(tester.verdict(
-            &occludee.world_from_local,
-            &occludee.volume,
-            occludee.proxy.as_deref(),
+            &candidate.world_from_local,
+            &candidate.volume,
+            candidate.proxy.as_deref(),
         ))
     }
 
@@ -549,7 +345,7 @@ impl Descent<'_> {
 }
 
 /// A camera whose culling was taken from it shows nothing of it.
-pub fn forget_culled(
+pub fn forget_occluded(
     mut removed: RemovedComponents<ZBufferOcclusion>,
     mut commands: Commands,
     cameras: Query<(), Without<ZBufferOcclusion>>,
@@ -591,7 +387,7 @@ pub fn report_occlusion(
     stats: Res<OcclusionStats>,
     paths: Res<OcclusionDiagnosticPaths>,
     store: Option<Res<DiagnosticsStore>>,
-    table: Res<Occludees>,
+    table: Res<Candidates>,
     cameras: Query<(
         &ZBufferOcclusion,
         &OcclusionCounts,

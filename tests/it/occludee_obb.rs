@@ -1,9 +1,9 @@
 //! The box that stands for a mesh: hard clouds by name, and any cloud.
 
 use bevy::{camera::primitives::Aabb, prelude::*};
-use bevy_skyline::occlusion::{
-    obb::{aligned, fit},
-    volume::LocalBox,
+use bevy_skyline::{
+    culling::volume::LocalBox,
+    occlusion::obb::{aligned, fit},
 };
 use proptest::prelude::*;
 

@@ -3,9 +3,9 @@
 use std::fs;
 
 use bevy::{math::DVec3, prelude::*};
-use bevy_skyline::occlusion::{
-    proxy::{MOST_TRIANGLES, build},
-    volume::{Proxy, SweptTriangle},
+use bevy_skyline::{
+    culling::volume::{Proxy, SweptTriangle},
+    occlusion::proxy::{MOST_TRIANGLES, build},
 };
 use proptest::prelude::*;
 

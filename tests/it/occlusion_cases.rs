@@ -6,11 +6,9 @@ use bevy::{
     math::{Affine3A, Mat3A, Vec3A},
     prelude::*,
 };
-use bevy_skyline::occlusion::{
-    Sampling,
-    depth::ReducedDepth,
-    verdict::Verdict,
-    volume::{LocalBox, Proxy, SweptTriangle},
+use bevy_skyline::{
+    culling::volume::{LocalBox, Proxy, SweptTriangle},
+    occlusion::{Sampling, depth::ReducedDepth, verdict::Verdict},
 };
 
 /// Numbers that look random.

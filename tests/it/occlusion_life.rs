@@ -13,7 +13,8 @@ use bevy::{
     render::{RenderApp, occlusion_culling::OcclusionCulling},
 };
 use bevy_skyline::{
-    occlusion::{OcclusionCamera, occludees::Occludees},
+    culling::candidates::Candidates,
+    occlusion::OcclusionCamera,
     prelude::*,
     render_graph::occlusion::{
         OcclusionStats,
@@ -129,7 +130,7 @@ fn what_has_no_safe_bound_is_left_in() {
         .insert((SkinnedMesh::default(), Visibility::Hidden));
     world.entity_mut(own).insert(NoAutoAabb);
     settle(&mut scene);
-    let table = scene.offline.app.world().resource::<Occludees>();
+    let table = scene.offline.app.world().resource::<Candidates>();
     for (entity, is_in) in [
         (out, false),
         (unbounded, false),
@@ -383,7 +384,7 @@ fn taking_the_component_away_frees_everything() {
     let world = scene.offline.app.world();
     assert!(world.get::<OcclusionCamera>(camera).is_none());
     assert!(world.get::<CulledEntities>(camera).is_none());
-    assert!(world.resource::<Occludees>().is_empty());
+    assert!(world.resource::<Candidates>().is_empty());
     assert_eq!(
         *world.resource::<Effects>().occlusion(),
         EffectState::Dormant

@@ -11,9 +11,9 @@ use bevy::{
     tasks::{AsyncComputeTaskPool, Task, futures::check_ready},
 };
 
-use crate::occlusion::{
-    OccludeeVolume, obb, proxy,
-    volume::{LocalBox, Proxy},
+use crate::{
+    culling::volume::{LocalBox, Proxy},
+    occlusion::{OccludeeVolume, obb, proxy},
 };
 
 /// So many vertices are copied for one task that makes boxes, or those of one mesh if it has more.

@@ -4,7 +4,7 @@ use std::collections::BinaryHeap;
 
 use bevy::{math::DVec3, prelude::*};
 
-use crate::occlusion::{obb::round_up, volume::SweptTriangle};
+use crate::{culling::volume::SweptTriangle, occlusion::obb::round_up};
 
 /// How often a face may be halved.
 const MOST_HALVINGS: u8 = 8;

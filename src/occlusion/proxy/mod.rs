@@ -27,7 +27,7 @@ use bevy::{
     prelude::*,
 };
 
-use crate::occlusion::volume::{Proxy, SweptTriangle};
+use crate::culling::volume::{Proxy, SweptTriangle};
 
 /// No proxy has more triangles, whatever is asked for: work grows with their number times the mesh's.
 pub const MOST_TRIANGLES: u32 = 1024;

@@ -16,11 +16,15 @@ use bevy::{
 };
 use bytemuck::Pod;
 
-use crate::occlusion::{
-    camera::Returned,
-    depth::{GpuOcclusionView, ReducedDepth},
-    occludees::{NO_SLOT, Occludee},
-    volume::Proxy,
+use crate::{
+    culling::{
+        candidates::{Candidate, NO_SLOT},
+        volume::Proxy,
+    },
+    occlusion::{
+        camera::Returned,
+        depth::{GpuOcclusionView, ReducedDepth},
+    },
 };
 
 use super::{
@@ -159,7 +163,7 @@ impl GpuOccludees {
     }
 
     /// Puts an occludee in its slot, or nothing.
-    pub fn set(&mut self, slot: u32, of: Option<&Occludee>) {
+    pub fn set(&mut self, slot: u32, of: Option<&Candidate>) {
         let gpu = of.map_or_else(GpuOccludee::default, |of| {
             let (first, count) = of.proxy.as_ref().map_or((0, 0), |proxy| self.proxy(proxy));
             GpuOccludee::new(&of.world_from_local, &of.volume, first..first + count)

@@ -6,11 +6,13 @@ use bevy::{
     render::{Extract, sync_world::RenderEntity},
 };
 
-use crate::occlusion::{
-    CulledEntities, OcclusionCamera, Recheck, Sampling, ZBufferOcclusion,
-    bits::Bits,
-    camera::Mailbox,
-    occludees::{Occludee, Occludees},
+use crate::{
+    culling::{
+        CulledEntities,
+        bits::Bits,
+        candidates::{Candidate, Candidates},
+    },
+    occlusion::{OcclusionCamera, Recheck, Sampling, ZBufferOcclusion, camera::Mailbox},
 };
 
 use super::buffers::GpuOccludees;
@@ -48,7 +50,7 @@ pub struct ExtractedOcclusion {
     /// Slots there are.
     pub slots: usize,
     /// Slots that changed, with what is in them now.
-    pub changed: Vec<(u32, Option<Occludee>)>,
+    pub changed: Vec<(u32, Option<Candidate>)>,
     /// Whether any camera asks for culling.
     pub asked: bool,
     /// Number of the frame.
@@ -73,7 +75,7 @@ type CameraData<'w> = (
 pub fn extract_occlusion(
     mut extracted: ResMut<ExtractedOcclusion>,
     gpu: Res<GpuOccludees>,
-    table: Extract<Res<Occludees>>,
+    table: Extract<Res<Candidates>>,
     frame: Extract<Res<FrameCount>>,
     cameras: Extract<Query<CameraData>>,
 ) {

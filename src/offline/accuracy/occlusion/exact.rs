@@ -6,10 +6,10 @@ use bevy::{camera::visibility::VisibleEntities, prelude::*};
 
 use super::AccuracyError;
 use crate::{
+    culling::candidates::Candidates,
     occlusion::{
         OcclusionCounts, Sampling,
         depth::ReducedDepth,
-        occludees::Occludees,
         verdict::{DepthTest, Verdict},
     },
     offline::{
@@ -51,7 +51,7 @@ pub(super) fn removable(
         world.get::<GlobalTransform>(camera),
         world.get::<VisibleEntities>(camera),
         world.get::<OcclusionCounts>(camera),
-        world.get::<crate::occlusion::CulledEntities>(camera),
+        world.get::<crate::culling::CulledEntities>(camera),
     ) else {
         return Ok(None);
     };
@@ -61,14 +61,14 @@ pub(super) fn removable(
         ReducedDepth::from_pixels(clip_from_world, depth.size, every_pixel, &depth.ndc_depth)
             .map_err(|error| OfflineError::ReadBack(error.to_string()))?;
     let test = DepthTest::new(&depth);
-    let table = world.resource::<Occludees>();
+    let table = world.resource::<Candidates>();
     let in_view = visible
         .get(TypeId::of::<Mesh3d>())
         .iter()
         .copied()
         .chain(culled.iter().map(|(entity, _)| entity));
     let by_exact_test = in_view
-        .filter_map(|entity| table.get(table.slot(entity)?))
+        .filter_map(|entity| table.get(table.occludable(entity)?))
         .filter(|of| {
             let proxy = of.proxy.as_deref();
             test.verdict(&of.world_from_local, &of.volume, proxy) == Verdict::Hidden

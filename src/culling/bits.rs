@@ -23,6 +23,16 @@ impl Bits {
         self.0[(i >> 5) as usize] |= 1 << (i & 31);
     }
 
+    /// Puts a number in or takes it out, and makes room for it.
+    pub fn set(&mut self, i: u32, is_in: bool) {
+        if is_in {
+            self.grow(i as usize + 1);
+            self.insert(i);
+        } else {
+            self.remove(i);
+        }
+    }
+
     /// Takes a number out.
     pub fn remove(&mut self, i: u32) {
         if let Some(word) = self.0.get_mut((i >> 5) as usize) {
@@ -54,13 +64,6 @@ impl Bits {
         self.grow(of.0.len() * 32);
         for (word, (of, with)) in self.0.iter_mut().zip(of.words(with)) {
             *word = (*word & !of) | (of & with);
-        }
-    }
-
-    /// Keeps what is also in `other`.
-    pub fn intersect(&mut self, other: &Self) {
-        for (i, word) in self.0.iter_mut().enumerate() {
-            *word &= other.0.get(i).copied().unwrap_or(0);
         }
     }
 
@@ -104,7 +107,9 @@ mod tests {
         assert_eq!(set.count_without(&bits(&[31, 50])), 2);
         set.set_from(&bits(&[0, 1, 2]), &bits(&[1, 99]));
         assert_eq!(set, bits(&[1, 31, 99]));
-        set.intersect(&bits(&[31, 1, 5]));
-        assert_eq!(set, bits(&[1, 31]));
+        set.set(200, true);
+        set.set(31, false);
+        set.set(9_000, false);
+        assert!(set.contains(200) && !set.contains(31) && !set.contains(9_000));
     }
 }

@@ -8,7 +8,7 @@ use bevy::{
     prelude::*,
 };
 
-use super::camera::{CullReason, CulledEntities};
+use super::culled::{CullReason, CulledEntities};
 
 /// Which meshes are seen by which camera, and why the others are not. Ask in systems that run after
 /// [`CullSystems`](super::CullSystems), or anywhere for the answer of the frame before.

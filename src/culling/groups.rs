@@ -7,7 +7,8 @@ use bevy::{
     prelude::*,
 };
 
-use super::{obb::aligned, occludees::Occludee, volume::LocalBox};
+use super::{candidates::Candidate, volume::LocalBox};
+use crate::occlusion::obb::aligned;
 
 /// No group.
 pub const NO_GROUP: u32 = u32::MAX;
@@ -123,7 +124,7 @@ impl Groups {
 
     /// Brings the bounds of all groups up to date. Work is caused by change: groups in which nothing moved cost
     /// nothing.
-    pub fn refresh<'a>(&mut self, occludee: impl Fn(u32) -> Option<&'a Occludee>) {
+    pub fn refresh<'a>(&mut self, occludee: impl Fn(u32) -> Option<&'a Candidate>) {
         if !core::mem::take(&mut self.any_stale) {
             return;
         }
@@ -149,7 +150,7 @@ impl Groups {
     }
 
     /// Makes a group's bound from those below it, which are up to date.
-    fn refresh_group<'a>(&mut self, group: u32, occludee: &impl Fn(u32) -> Option<&'a Occludee>) {
+    fn refresh_group<'a>(&mut self, group: u32, occludee: &impl Fn(u32) -> Option<&'a Candidate>) {
         let state = &self.groups[group as usize];
         let unbounded = (Vec3A::NAN, Vec3A::NAN);
         let of_groups = state.groups.iter().map(|child| {
@@ -274,8 +275,8 @@ fn reach_of(world_from_local: &Affine3A, volume: &LocalBox) -> (Vec3A, Vec3A) {
 mod tests {
     use super::*;
 
-    fn at(entity: Entity, x: f32) -> Occludee {
-        Occludee {
+    fn at(entity: Entity, x: f32) -> Candidate {
+        Candidate {
             entity,
             mesh: AssetId::default(),
             world_from_local: Affine3A::from_translation(Vec3::new(x, 0.0, 0.0)),
@@ -348,7 +349,7 @@ mod tests {
         let mut world = World::new();
         let e: Vec<Entity> = (0..9).map(|_| world.spawn_empty().id()).collect();
         let [root, mid, model, x, y] = [e[0], e[1], e[2], e[3], e[4]];
-        let objects: Vec<Occludee> = (0..4).map(|i| at(e[5 + i % 4], i as f32)).collect();
+        let objects: Vec<Candidate> = (0..4).map(|i| at(e[5 + i % 4], i as f32)).collect();
         let mut groups = Groups::default();
         for slot in 0..2 {
             groups.place(slot, [model, mid, root]);

@@ -5,6 +5,7 @@ use std::{collections::VecDeque, sync::Arc};
 use bevy::{math::Affine3A, prelude::*};
 
 use super::{
+    bits::Bits,
     groups::Groups,
     volume::{LocalBox, Proxy},
 };
@@ -17,7 +18,7 @@ const QUARANTINE: u64 = 8;
 
 /// One entity that can be removed.
 #[derive(Clone, Debug)]
-pub struct Occludee {
+pub struct Candidate {
     /// Whose mesh it is.
     pub entity: Entity,
     /// Its mesh.
@@ -28,12 +29,28 @@ pub struct Occludee {
     pub volume: LocalBox,
     /// Its thickened simplified mesh, where one is asked for and ready.
     pub proxy: Option<Arc<Proxy>>,
+    /// Triangles of its mesh.
+    pub triangles: u32,
+    /// What may remove it.
+    pub by: CullableBy,
 }
 
-/// Every entity that [`ZBufferOcclusion`](super::ZBufferOcclusion) may remove. Empty while no camera asks for it.
+/// What may remove an entity.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CullableBy {
+    /// [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion).
+    pub occlusion: bool,
+    /// [`ContributionCulling`](crate::contribution::ContributionCulling).
+    pub contribution: bool,
+}
+
+/// Every entity that a camera of this suite may remove. Empty while no camera asks for culling.
 #[derive(Resource, Default)]
-pub struct Occludees {
-    slots: Vec<Option<Occludee>>,
+pub struct Candidates {
+    slots: Vec<Option<Candidate>>,
+    /// Slots of what the depth buffer may remove, and of what may be removed for covering too little.
+    occludable: Bits,
+    weighable: Bits,
     /// The entity of each slot, by itself so that looking a slot up stays in the cache; a placeholder's in free ones.
     entities: Vec<Entity>,
     /// Slot of an entity by its index; whether it is that entity's and not an older one's, `slots` says.
@@ -49,11 +66,11 @@ pub struct Occludees {
     epoch: u32,
     /// Time that keeping it up took this frame. units: ms
     pub(crate) update_ms: f32,
-    /// Groups of occludees, by the entity hierarchy.
+    /// Groups of candidates, by the entity hierarchy.
     pub(crate) groups: Groups,
 }
 
-impl Occludees {
+impl Candidates {
     /// Begins a frame: forgets what changed in the last one.
     pub(crate) fn begin(&mut self) {
         self.frame += 1;
@@ -89,17 +106,29 @@ impl Occludees {
         (*self.entities.get(slot as usize)? == entity).then_some(slot)
     }
 
+    /// The slot of an entity that [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) may remove.
+    pub fn occludable(&self, entity: Entity) -> Option<u32> {
+        self.slot(entity)
+            .filter(|slot| self.occludable.contains(*slot))
+    }
+
+    /// The slot of an entity that [`ContributionCulling`](crate::contribution::ContributionCulling) may remove.
+    pub fn weighable(&self, entity: Entity) -> Option<u32> {
+        self.slot(entity)
+            .filter(|slot| self.weighable.contains(*slot))
+    }
+
     /// What is in a slot.
-    pub fn get(&self, slot: u32) -> Option<&Occludee> {
+    pub fn get(&self, slot: u32) -> Option<&Candidate> {
         self.slots.get(slot as usize)?.as_ref()
     }
 
     /// Everything in the table.
-    pub fn iter(&self) -> impl Iterator<Item = (u32, &Occludee)> {
+    pub fn iter(&self) -> impl Iterator<Item = (u32, &Candidate)> {
         self.slots
             .iter()
             .enumerate()
-            .filter_map(|(slot, occludee)| Some((slot as u32, occludee.as_ref()?)))
+            .filter_map(|(slot, candidate)| Some((slot as u32, candidate.as_ref()?)))
     }
 
     /// Slots that changed since the frame began, freed ones included.
@@ -120,9 +149,9 @@ impl Occludees {
     }
 
     /// Puts an entity in, or changes what is known of it.
-    pub(crate) fn insert(&mut self, occludee: Occludee) -> u32 {
-        let index = occludee.entity.index_u32() as usize;
-        let slot = match self.slot(occludee.entity) {
+    pub(crate) fn insert(&mut self, candidate: Candidate) -> u32 {
+        let index = candidate.entity.index_u32() as usize;
+        let slot = match self.slot(candidate.entity) {
             Some(slot) => slot,
             None => {
                 // An older entity of the same index is gone.
@@ -152,25 +181,27 @@ impl Occludees {
                 slot
             }
         };
-        self.entities[slot as usize] = occludee.entity;
-        self.slots[slot as usize] = Some(occludee);
+        self.entities[slot as usize] = candidate.entity;
+        self.occludable.set(slot, candidate.by.occlusion);
+        self.weighable.set(slot, candidate.by.contribution);
+        self.slots[slot as usize] = Some(candidate);
         self.mark(slot);
         slot
     }
 
     /// Moves an entity.
     pub(crate) fn place(&mut self, slot: u32, world_from_local: Affine3A) {
-        if let Some(occludee) = &mut self.slots[slot as usize] {
-            occludee.world_from_local = world_from_local;
+        if let Some(candidate) = &mut self.slots[slot as usize] {
+            candidate.world_from_local = world_from_local;
             self.mark(slot);
         }
     }
 
     /// Changes what stands for an entity.
     pub(crate) fn reshape(&mut self, slot: u32, volume: LocalBox, proxy: Option<Arc<Proxy>>) {
-        if let Some(occludee) = &mut self.slots[slot as usize] {
-            occludee.volume = volume;
-            occludee.proxy = proxy;
+        if let Some(candidate) = &mut self.slots[slot as usize] {
+            candidate.volume = volume;
+            candidate.proxy = proxy;
             self.mark(slot);
         }
     }
@@ -195,6 +226,8 @@ impl Occludees {
     fn free_slot(&mut self, slot: u32) {
         if self.slots[slot as usize].take().is_some() {
             self.entities[slot as usize] = Entity::PLACEHOLDER;
+            self.occludable.remove(slot);
+            self.weighable.remove(slot);
             self.groups.leave(slot);
             self.free.push_back((self.frame, slot));
             self.mark(slot);
@@ -214,13 +247,18 @@ impl Occludees {
 mod tests {
     use super::*;
 
-    fn occludee(entity: Entity) -> Occludee {
-        Occludee {
+    fn candidate(entity: Entity) -> Candidate {
+        Candidate {
             entity,
             mesh: AssetId::default(),
             world_from_local: Affine3A::IDENTITY,
             volume: LocalBox::default(),
             proxy: None,
+            triangles: 0,
+            by: CullableBy {
+                occlusion: true,
+                contribution: true,
+            },
         }
     }
 
@@ -237,11 +275,11 @@ mod tests {
     fn an_entitys_slot_is_its_own_and_rests_before_it_is_anothers() {
         let mut world = World::new();
         let [a, b] = [world.spawn_empty().id(), world.spawn_empty().id()];
-        let mut table = Occludees::default();
+        let mut table = Candidates::default();
         table.begin();
-        let (slot_a, slot_b) = (table.insert(occludee(a)), table.insert(occludee(b)));
+        let (slot_a, slot_b) = (table.insert(candidate(a)), table.insert(candidate(b)));
         assert_ne!(slot_a, slot_b);
-        assert_eq!(table.insert(occludee(a)), slot_a, "known already");
+        assert_eq!(table.insert(candidate(a)), slot_a, "known already");
         assert_eq!(table.dirty(), [slot_a, slot_b]);
         table.begin();
         assert!(table.dirty().is_empty());
@@ -255,14 +293,14 @@ mod tests {
             a.index_u32(),
             "Bevy gives the index again"
         );
-        let slot_again = table.insert(occludee(again));
+        let slot_again = table.insert(candidate(again));
         assert_ne!(slot_again, slot_a, "verdicts on the way are not for it");
         assert_eq!((table.slot(a), table.slot(again)), (None, Some(slot_again)));
         for _ in 0..=QUARANTINE {
             table.begin();
         }
         let late = world.spawn_empty().id();
-        assert_eq!(table.insert(occludee(late)), slot_a);
+        assert_eq!(table.insert(candidate(late)), slot_a);
         assert_eq!(table.slots(), 3);
     }
 
@@ -270,11 +308,11 @@ mod tests {
     fn an_entity_that_was_replaced_without_notice_gives_its_slot_up() {
         let mut world = World::new();
         let old = world.spawn_empty().id();
-        let mut table = Occludees::default();
+        let mut table = Candidates::default();
         table.begin();
-        table.insert(occludee(old));
+        table.insert(candidate(old));
         let new = of_the_same_index(old);
-        table.insert(occludee(new));
+        table.insert(candidate(new));
         assert_eq!((table.len(), table.slot(old)), (1, None));
     }
 }
