@@ -33,12 +33,14 @@ use super::{
     ids::{self, ObjectIdPlugin},
 };
 use crate::{
-    occlusion::{OcclusionCounts, ZBufferOcclusion},
+    occlusion::{OcclusionCounts, ZBufferOcclusion, meshes::OccludeeMeshes},
     offline::{Offline, OfflineError},
 };
 
 /// Frames after which a change of what culls has reached everything.
 const WARM_FRAMES: u32 = 6;
+/// Frames after which it is not waited for any longer.
+const MOST_WARM_FRAMES: u32 = 2_000;
 
 /// What is left out of a picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -177,8 +179,18 @@ impl SceneStage {
     /// Sets what culls, and draws until it does.
     pub fn cull(&mut self, culling: &Culling) {
         self.set_culling(culling);
-        for _ in 0..WARM_FRAMES {
+        let mut left = WARM_FRAMES;
+        for _ in 0..MOST_WARM_FRAMES {
             self.offline.step();
+            // Until its volumes are there, a mesh's `Aabb` stands in for them.
+            let making = self.offline.app.world().get_resource::<OccludeeMeshes>();
+            left = match making {
+                Some(making) if making.is_busy() => WARM_FRAMES,
+                _ => left - 1,
+            };
+            if left == 0 {
+                break;
+            }
         }
     }
 
