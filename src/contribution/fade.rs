@@ -82,8 +82,6 @@ impl Fades {
 
     /// Begins a frame, `share` of a whole way later than the last.
     pub fn advance(&mut self, share: f32) {
-        self.list.append(&mut self.new);
-        self.list.sort_unstable_by_key(|fade| fade.entity);
         let ended = &mut self.ended;
         self.list.retain_mut(|fade| {
             let way = if fade.leaves { -share } else { share };
@@ -113,8 +111,8 @@ impl Fades {
         !small
     }
 
-    /// Ends a frame: what was not in view ends.
-    pub fn end_unseen(&mut self) {
+    /// Ends a frame: what was not in view ends, and what is new begins.
+    pub fn end_frame(&mut self) {
         let ended = &mut self.ended;
         self.list.retain(|fade| {
             if !fade.seen
@@ -124,6 +122,10 @@ impl Fades {
             }
             fade.seen
         });
+        if !self.new.is_empty() {
+            self.list.append(&mut self.new);
+            self.list.sort_unstable_by_key(|fade| fade.entity);
+        }
     }
 
     /// Ends all at once.
@@ -177,8 +179,8 @@ mod tests {
         let mut frame = |small, was_small, known| {
             fades.advance(0.25);
             let drawn = fades.is_drawn(entity, small, was_small, known);
-            fades.end_unseen();
-            let coverage = fades.list.first().or(fades.new.first()).map(|f| f.coverage);
+            fades.end_frame();
+            let coverage = fades.list.first().map(|fade| fade.coverage);
             (drawn, coverage)
         };
         assert_eq!(frame(true, false, false), (false, None), "never seen: cut");

@@ -252,7 +252,7 @@ pub fn cull_small(
             };
             judge.cull(list, state, culled, counts);
             if seconds.is_some() {
-                state.fades.end_unseen();
+                state.fades.end_frame();
                 core::mem::swap(&mut state.in_view, &mut state.in_view_now);
             }
         }

@@ -16,6 +16,11 @@ use bevy::{
 use bevy_skyline::{
     contribution::area::AreaView,
     culling::volume::LocalBox,
+    occlusion::{
+        Sampling,
+        depth::ReducedDepth,
+        verdict::{DepthTest, Verdict},
+    },
     offline::Offline,
     reference::contribution::{AreaTally, AreaTwin},
     render_graph::{
@@ -443,6 +448,45 @@ fn wrong_areas_are_found() {
     }
     let reason = AreaTally::default().outcome(1.0).unwrap_err();
     assert!(reason.contains("nothing was compared"), "{reason}");
+}
+
+#[test]
+fn nothing_of_a_box_shows_just_where_it_is_hidden() {
+    let mut numbers = Random(16);
+    let mut found = [0, 0, 0];
+    for _ in 0..128 {
+        let (depth, cases) = random_view(&mut numbers, 128);
+        let test = DepthTest::new(&depth);
+        for Case { world, volume, .. } in &cases {
+            let share = test.visible_share(world, volume);
+            assert!((0.0..=1.0).contains(&share), "{share}");
+            // A strided test knows nothing of what lies between its samples.
+            if depth.strided {
+                continue;
+            }
+            let verdict = test.verdict(world, volume, None);
+            assert_eq!(share == 0.0, verdict == Verdict::Hidden, "{share}");
+            found[verdict as usize] += 1;
+        }
+    }
+    assert!(found.iter().all(|count| *count > 500), "{found:?}");
+}
+
+#[test]
+fn half_a_box_shows_beside_a_wall() {
+    let size = UVec2::new(64, 48);
+    for (side, block) in [(0.5f32, 1), (8.0, 1), (8.0, 4)] {
+        // The left half is nearer than the box.
+        let pixels: Vec<f32> = (0..size.x * size.y)
+            .map(|i| if i % size.x < 32 { 0.05 } else { 0.0 })
+            .collect();
+        let sampling = Sampling::Conservative { block };
+        let depth = ReducedDepth::from_pixels(lens(NEAR), size, sampling, &pixels).expect("fits");
+        let volume = boxed(Vec3::NEG_Z * 24.0, Vec3::new(side, side, 0.0));
+        let share = DepthTest::new(&depth).visible_share(&Affine3A::IDENTITY, &volume);
+        // A texel at each border, and one where the sides meet.
+        assert!((0.5..=0.7).contains(&share), "{side} {block}: {share}");
+    }
 }
 
 #[test]
