@@ -19,7 +19,10 @@ struct Occludee {
     /// 0: it has no proxy.
     triangle_count: u32,
     axis_1: vec3<f32>,
+    has_turned: u32,
     axis_2: vec3<f32>,
+    /// Centre and half axes of the turned box.
+    turned: array<vec4<f32>, 4>,
 };
 
 @group(0) @binding(3) var<storage, read> occludees: array<Occludee>;
@@ -45,6 +48,10 @@ fn occludee_verdicts(@builtin(global_invocation_id) id: vec3<u32>) {
     let occludee = occludees[id.x];
     let frame = occludee_frame(occludee.world_from_local);
     var verdict = box_verdict(frame, occludee.centre, occludee.axis_0, occludee.axis_1, occludee.axis_2);
+    if verdict == VERDICT_VISIBLE && occludee.has_turned != 0u {
+        let turned = occludee.turned;
+        verdict = box_verdict(frame, turned[0].xyz, turned[1].xyz, turned[2].xyz, turned[3].xyz);
+    }
     if verdict == VERDICT_VISIBLE && occludee.triangle_count > 0u {
         verdict = proxy_verdict(frame, occludee.first_triangle, occludee.triangle_count);
     }

@@ -27,6 +27,8 @@ pub struct Candidate {
     pub world_from_local: Affine3A,
     /// What stands for it.
     pub volume: LocalBox,
+    /// Another box that encloses it, along other axes, where one is asked for and ready.
+    pub turned: Option<LocalBox>,
     /// Its thickened simplified mesh, where one is asked for and ready.
     pub proxy: Option<Arc<Proxy>>,
     /// Triangles of its mesh.
@@ -198,9 +200,14 @@ impl Candidates {
     }
 
     /// Changes what stands for an entity.
-    pub(crate) fn reshape(&mut self, slot: u32, volume: LocalBox, proxy: Option<Arc<Proxy>>) {
+    pub(crate) fn reshape(
+        &mut self,
+        slot: u32,
+        turned: Option<LocalBox>,
+        proxy: Option<Arc<Proxy>>,
+    ) {
         if let Some(candidate) = &mut self.slots[slot as usize] {
-            candidate.volume = volume;
+            candidate.turned = turned;
             candidate.proxy = proxy;
             self.mark(slot);
         }
@@ -253,6 +260,7 @@ mod tests {
             mesh: AssetId::default(),
             world_from_local: Affine3A::IDENTITY,
             volume: LocalBox::default(),
+            turned: None,
             proxy: None,
             triangles: 0,
             by: CullableBy {

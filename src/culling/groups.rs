@@ -282,6 +282,7 @@ mod tests {
             mesh: AssetId::default(),
             world_from_local: Affine3A::from_translation(Vec3::new(x, 0.0, 0.0)),
             volume: aligned(Vec3::splat(-1.0), Vec3::splat(1.0)),
+            turned: None,
             proxy: None,
             triangles: 12,
             by: CullableBy {

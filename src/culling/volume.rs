@@ -14,6 +14,15 @@ pub struct LocalBox {
     pub axes: [Vec3; 3],
 }
 
+impl LocalBox {
+    /// Whether its axes are those of the space it is in: an `Aabb` there.
+    pub fn is_along_axes(&self) -> bool {
+        self.axes
+            .iter()
+            .all(|axis| axis.to_array().iter().filter(|part| **part != 0.0).count() <= 1)
+    }
+}
+
 /// All points within `radius` of a triangle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SweptTriangle {

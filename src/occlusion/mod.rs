@@ -77,10 +77,11 @@ impl Default for ZBufferOcclusion {
 pub enum OccludeeVolume {
     /// The entity's `Aabb`, a box along its mesh's axes.
     Aabb,
-    /// The smaller of that box and the one along the axes of the covariance of the mesh's vertices (P2, §3.2).
+    /// That box, and where it is not hidden the one along the axes of the covariance of the mesh's vertices (P2, §3.2),
+    /// if that is the smaller one.
     #[default]
     Obb,
-    /// That box, and where it is not hidden a simplified mesh (P2, §4.4) whose triangles are thickened until they
+    /// Both boxes, and where neither is hidden a simplified mesh (P2, §4.4) whose triangles are thickened until they
     /// enclose the object.
     Proxy {
         /// Most triangles of the simplified mesh. P2 uses about 100.

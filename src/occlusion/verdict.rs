@@ -82,18 +82,6 @@ impl Verdict {
     }
 }
 
-/// Tests one volume. To test many against one depth, prepare a [`DepthTest`].
-///
-/// See [`DepthTest::verdict`].
-pub fn verdict(
-    depth: &ReducedDepth,
-    world_from_local: &Affine3A,
-    volume: &LocalBox,
-    proxy: Option<&Proxy>,
-) -> Verdict {
-    DepthTest::new(depth).verdict(world_from_local, volume, proxy)
-}
-
 /// A reduced depth, prepared for many tests.
 #[derive(Clone, Debug)]
 pub struct DepthTest<'a> {
@@ -180,13 +168,19 @@ impl<'a> DepthTest<'a> {
         &self,
         world_from_local: &Affine3A,
         volume: &LocalBox,
+        turned: Option<&LocalBox>,
         proxy: Option<&Proxy>,
     ) -> Verdict {
         if self.levels.is_empty() {
             return Verdict::Visible;
         }
         let frame = self.clip.frame(world_from_local);
-        let verdict = self.box_verdict(&frame, volume);
+        let mut verdict = self.box_verdict(&frame, volume);
+        if verdict == Verdict::Visible
+            && let Some(turned) = turned
+        {
+            verdict = self.box_verdict(&frame, turned);
+        }
         match proxy {
             Some(proxy) if verdict == Verdict::Visible && !proxy.triangles.is_empty() => {
                 self.proxy_verdict(&frame, &proxy.triangles)

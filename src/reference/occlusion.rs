@@ -98,10 +98,10 @@ impl Judgement {
         self.tested != self.exact
     }
 
-    /// Of a box that is followed by its proxy where it is visible.
-    fn then(self, proxy: Self) -> Self {
+    /// Of a volume that is followed by another of the same object where it is visible.
+    fn then(self, next: Self) -> Self {
         let exact = match self.exact {
-            Verdict::Visible => proxy.exact,
+            Verdict::Visible => next.exact,
             removed => removed,
         };
         if self.tested != Verdict::Visible {
@@ -109,10 +109,10 @@ impl Judgement {
         }
         Self {
             exact,
-            drawn: self.drawn.max(proxy.drawn),
+            drawn: self.drawn.max(next.drawn),
             tested: match self.drawn {
-                Verdict::Visible => proxy.tested,
-                _ => proxy.tested.min(Verdict::Hidden),
+                Verdict::Visible => next.tested,
+                _ => next.tested.min(Verdict::Hidden),
             },
         }
     }
@@ -259,6 +259,7 @@ impl<'a> OcclusionTwin<'a> {
         &self,
         world_from_local: &Affine3A,
         volume: &LocalBox,
+        turned: Option<&LocalBox>,
         proxy: Option<&Proxy>,
     ) -> Judgement {
         let linear = world_from_local.matrix3;
@@ -272,7 +273,10 @@ impl<'a> OcclusionTwin<'a> {
         if !self.depth.is_consistent() || !world.is_finite() || !self.clip_from_world.is_finite() {
             return Judgement::VISIBLE;
         }
-        let judgement = self.judge_box(world, volume);
+        let mut judgement = self.judge_box(world, volume);
+        if let Some(turned) = turned {
+            judgement = judgement.then(self.judge_box(world, turned));
+        }
         match proxy {
             Some(proxy) if !proxy.triangles.is_empty() => {
                 judgement.then(self.judge_proxy(world, proxy))

@@ -48,17 +48,25 @@ pub struct GpuOccludee {
     pub triangle_count: u32,
     /// A half axis.
     pub axis_1: [f32; 3],
-    /// 0.
-    pub pad_1: u32,
+    /// Whether there is a turned box.
+    pub has_turned: u32,
     /// A half axis.
     pub axis_2: [f32; 3],
     /// 0.
-    pub pad_2: u32,
+    pub pad: u32,
+    /// The turned box, in local space: its centre and half axes. The fourth numbers are 0.
+    pub turned: [[f32; 4]; 4],
 }
 
 impl GpuOccludee {
-    /// Of a box, and of the proxy at `triangles` of the list of swept triangles; an empty range is no proxy.
-    pub fn new(world_from_local: &Affine3A, volume: &LocalBox, triangles: Range<u32>) -> Self {
+    /// Of a box, of another along other axes, and of the proxy at `triangles` of the list of swept triangles; an empty
+    /// range is no proxy.
+    pub fn new(
+        world_from_local: &Affine3A,
+        volume: &LocalBox,
+        turned: Option<&LocalBox>,
+        triangles: Range<u32>,
+    ) -> Self {
         let linear = world_from_local.matrix3.transpose();
         let rows = [linear.x_axis, linear.y_axis, linear.z_axis];
         let translation = world_from_local.translation.to_array();
@@ -73,9 +81,13 @@ impl GpuOccludee {
             axis_0: volume.axes[0].to_array(),
             triangle_count: triangles.end.saturating_sub(triangles.start),
             axis_1: volume.axes[1].to_array(),
-            pad_1: 0,
+            has_turned: u32::from(turned.is_some()),
             axis_2: volume.axes[2].to_array(),
-            pad_2: 0,
+            pad: 0,
+            turned: turned.map_or_else(Default::default, |turned| {
+                let [a, b, c] = turned.axes;
+                [turned.centre, a, b, c].map(|v| v.extend(0.0).to_array())
+            }),
         }
     }
 }

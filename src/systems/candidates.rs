@@ -86,9 +86,10 @@ impl CandidateQueryItem<'_, '_> {
             entity: self.entity,
             mesh: self.mesh.id(),
             world_from_local: self.place.affine(),
-            volume: known
+            volume: LocalBox::from(*self.aabb),
+            turned: known
                 .and_then(|mesh| mesh.obb)
-                .unwrap_or_else(|| LocalBox::from(*self.aabb)),
+                .filter(|obb| !obb.is_along_axes()),
             proxy: known
                 .filter(|_| proxies)
                 .and_then(|mesh| mesh.proxy.clone()),
@@ -254,9 +255,9 @@ pub fn update_candidates(
             .map(|(_, occludee)| occludee.entity)
             .collect();
         for item in everything.iter_many(of_changed) {
-            let Candidate { volume, proxy, .. } = item.candidate(&meshes, None, what);
+            let Candidate { turned, proxy, .. } = item.candidate(&meshes, None, what);
             if let Some(slot) = table.slot(item.entity) {
-                table.reshape(slot, volume, proxy);
+                table.reshape(slot, turned, proxy);
             }
         }
     }

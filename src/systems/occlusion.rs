@@ -307,6 +307,7 @@ impl Descent<'_> {
         Some(tester.verdict(
             &candidate.world_from_local,
             &candidate.volume,
+            candidate.turned.as_ref(),
             candidate.proxy.as_deref(),
         ))
     }
@@ -333,7 +334,7 @@ impl Descent<'_> {
                 && let (Some(bound), Some(tester)) = (state.bound(), &self.tester)
             {
                 self.tested += 1;
-                verdict = tester.verdict(&bevy::math::Affine3A::IDENTITY, bound, None);
+                verdict = tester.verdict(&bevy::math::Affine3A::IDENTITY, bound, None, None);
             }
             self.groups[group as usize] = match verdict {
                 Verdict::Visible => 1,

@@ -97,7 +97,7 @@ impl Gpu {
         let candidates: Vec<GpuOccludee> = view
             .cases
             .iter()
-            .map(|(world, volume)| GpuOccludee::new(world, volume, 0..0))
+            .map(|(world, volume)| GpuOccludee::new(world, volume, None, 0..0))
             .collect();
         let storage = |contents: &[u8]| {
             device.create_buffer_with_data(&BufferInitDescriptor {
@@ -464,7 +464,7 @@ fn nothing_of_a_box_shows_just_where_it_is_hidden() {
             if depth.strided {
                 continue;
             }
-            let verdict = test.verdict(world, volume, None);
+            let verdict = test.verdict(world, volume, None, None);
             assert_eq!(share == 0.0, verdict == Verdict::Hidden, "{share}");
             found[verdict as usize] += 1;
         }

@@ -47,6 +47,7 @@ impl Random {
 pub struct Case {
     pub world: Affine3A,
     pub volume: LocalBox,
+    pub turned: Option<LocalBox>,
     pub proxy: Option<Proxy>,
 }
 
@@ -100,7 +101,17 @@ fn placed(world: Affine3A, volume: LocalBox) -> Case {
     Case {
         world,
         volume,
+        turned: None,
         proxy: None,
+    }
+}
+
+fn with_turned(case: Case, centre: Vec3, half: f32) -> Case {
+    let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| turn * axis * half);
+    Case {
+        turned: Some(LocalBox { centre, axes }),
+        ..case
     }
 }
 
@@ -307,6 +318,12 @@ pub fn hard_cases() -> Vec<HardCase> {
     let seen = over_pixels([16.0, 48.0], [12.0, 36.0]);
     let middle = [Vec3::new(0.0, 0.0, -50.0), Vec3::new(3.0, 0.0, -50.0), Vec3::new(0.0, 3.0, -50.0)];
     case("a box behind a hole", &gap, seen.clone(), Visible);
+    let nan = Vec3::new(f32::NAN, 0.0, -50.0);
+    case("its turned box is not behind it", &gap, with_turned(seen.clone(), middle[0], 8.0), Hidden);
+    case("its turned box reaches there", &gap, with_turned(seen.clone(), middle[0], 16.0), Visible);
+    case("its turned box is beside the view", &gap, with_turned(seen.clone(), Vec3::X * 90.0, 8.0), Outside);
+    case("its turned box is not finite", &gap, with_turned(seen.clone(), nan, 8.0), Visible);
+    case("a turned box around the camera", &wall, with_turned(boxed(0.0, 0.0, -20.0, 1.0), Vec3::ZERO, 30.0), Hidden);
     case("its proxy is not behind it", &gap, with_proxy(seen.clone(), middle, 1.0), Hidden);
     case("its proxy reaches there", &gap, with_proxy(seen.clone(), middle, 13.0), Visible);
     case("its proxy is a point", &gap, with_proxy(seen.clone(), [middle[0]; 3], 0.0), Hidden);
@@ -431,9 +448,18 @@ fn random_case(
             })
             .collect(),
     });
+    let turned = (random.below(4) == 0).then(|| {
+        let turn = Mat3::from_quat(Quat::from_axis_angle(axis, random.scale(0.1, 3.0)));
+        let half = half * (random.vec3() + 1.5);
+        LocalBox {
+            centre: volume.centre + 0.3 * random.vec3() * half,
+            axes: [0, 1, 2].map(|i| turn.col(i) * half[i]),
+        }
+    });
     Case {
         world,
         volume,
+        turned,
         proxy,
     }
 }

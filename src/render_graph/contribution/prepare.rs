@@ -96,7 +96,7 @@ impl GpuCandidates {
                 }
             }
             let gpu = of.as_ref().map_or_else(GpuOccludee::default, |of| {
-                GpuOccludee::new(&of.world_from_local, &of.volume, 0..0)
+                GpuOccludee::new(&of.world_from_local, &of.volume, None, 0..0)
             });
             self.candidates.set(*slot, gpu, GpuOccludee::default());
         }

@@ -174,7 +174,12 @@ impl GpuOccludees {
     pub fn set(&mut self, slot: u32, of: Option<&Candidate>) {
         let gpu = of.map_or_else(GpuOccludee::default, |of| {
             let (first, count) = of.proxy.as_ref().map_or((0, 0), |proxy| self.proxy(proxy));
-            GpuOccludee::new(&of.world_from_local, &of.volume, first..first + count)
+            GpuOccludee::new(
+                &of.world_from_local,
+                &of.volume,
+                of.turned.as_ref(),
+                first..first + count,
+            )
         });
         self.occludees.set(slot, gpu, GpuOccludee::default());
     }

@@ -71,7 +71,8 @@ pub(super) fn removable(
         .filter_map(|entity| table.get(table.occludable(entity)?))
         .filter(|of| {
             let proxy = of.proxy.as_deref();
-            test.verdict(&of.world_from_local, &of.volume, proxy) == Verdict::Hidden
+            test.verdict(&of.world_from_local, &of.volume, of.turned.as_ref(), proxy)
+                == Verdict::Hidden
         })
         .count();
     Ok(Some(Removable {
