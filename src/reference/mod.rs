@@ -8,3 +8,4 @@ mod outcome;
 pub mod ray_cast;
 pub mod surface;
 pub mod terrain_shadow;
+pub mod upscale;

@@ -38,6 +38,7 @@ pub fn embed(app: &mut App) {
     embedded_asset!(app, "../../assets/shaders/terrain_cascade_erode.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_cascade.wgsl");
     embedded_asset!(app, "../../assets/shaders/occludee_verdicts.wgsl");
+    embedded_asset!(app, "../../assets/shaders/upscale.wgsl");
 }
 
 /// Handles to the entry points.
@@ -98,4 +99,9 @@ pub fn late_draws(assets: &AssetServer) -> Handle<Shader> {
 /// The one entry point that needs no terrain.
 pub fn occludee_verdicts(assets: &AssetServer) -> Handle<Shader> {
     load_embedded_asset!(assets, "../../assets/shaders/occludee_verdicts.wgsl")
+}
+
+/// `upscale.wgsl`.
+pub fn upscale(assets: &AssetServer) -> Handle<Shader> {
+    load_embedded_asset!(assets, "../../assets/shaders/upscale.wgsl")
 }
