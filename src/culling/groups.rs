@@ -274,6 +274,7 @@ fn reach_of(world_from_local: &Affine3A, volume: &LocalBox) -> (Vec3A, Vec3A) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::culling::candidates::CullableBy;
 
     fn at(entity: Entity, x: f32) -> Candidate {
         Candidate {
@@ -282,6 +283,11 @@ mod tests {
             world_from_local: Affine3A::from_translation(Vec3::new(x, 0.0, 0.0)),
             volume: aligned(Vec3::splat(-1.0), Vec3::splat(1.0)),
             proxy: None,
+            triangles: 12,
+            by: CullableBy {
+                occlusion: true,
+                ..default()
+            },
         }
     }
 
