@@ -13,7 +13,7 @@ use bevy::{
         prepass::MotionVectorPrepass,
         schedule::{Core3d, Core3dSystems},
     },
-    ecs::entity::EntityHashMap,
+    ecs::{entity::EntityHashMap, schedule::ScheduleLabel},
     light::VolumetricFog,
     pbr::{
         ContactShadows, ScreenSpaceAmbientOcclusion, ScreenSpaceReflections,
@@ -446,7 +446,8 @@ pub fn upscale(
     };
     let write = target.post_process_write();
     let bound = |slot: &Option<(TextureViewId, BindGroup)>| {
-        slot.as_ref().is_some_and(|(id, _)| *id == write.source.id())
+        slot.as_ref()
+            .is_some_and(|(id, _)| *id == write.source.id())
     };
     let at = match upscaler.bind_groups.iter().position(bound) {
         Some(at) => at,
@@ -455,10 +456,7 @@ pub fn upscale(
             let group = ctx.render_device().create_bind_group(
                 "upscale",
                 &cache.get_bind_group_layout(&pipelines.layout),
-                &BindGroupEntries::sequential((
-                    upscaler.buffer.as_entire_binding(),
-                    write.source,
-                )),
+                &BindGroupEntries::sequential((upscaler.buffer.as_entire_binding(), write.source)),
             );
             let at = 1 - upscaler.newest;
             upscaler.bind_groups[at] = Some((write.source.id(), group));
