@@ -33,6 +33,7 @@
 //! | [`contribution`] | contribution culling: component, screen areas |
 //! | [`budget`] | the frame budget: measuring, model, controller, knobs |
 //! | [`occlusion`] | Z-buffer occlusion culling: component, volumes, verdicts, what a game sees of it |
+//! | [`resolution`] | resolution scale: the main passes draw fewer pixels |
 //! | [`systems`] | main-world systems |
 //! | [`render_graph`] | the passes and their order |
 //! | [`mod@reference`] | `f64` twins that GPU results are compared with |
@@ -54,6 +55,7 @@ pub mod offline;
 pub mod plugin;
 pub mod reference;
 pub mod render_graph;
+pub mod resolution;
 pub mod systems;
 pub mod terrain;
 pub mod terrain_shadow;
@@ -70,9 +72,10 @@ pub mod prelude {
             ZBufferOcclusion,
         },
         plugin::{
-            BudgetPlugin, ContributionPlugin, EffectsPlugin, OcclusionPlugin, SkylinePlugins,
-            TerrainPlugin,
+            BudgetPlugin, ContributionPlugin, EffectsPlugin, OcclusionPlugin, ResolutionPlugin,
+            SkylinePlugins, TerrainPlugin,
         },
+        resolution::ResolutionScale,
         terrain::{
             HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour,
             TerrainHit, TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,

@@ -8,6 +8,7 @@
 //! | [`ContributionPlugin`] | [`ContributionCulling`](crate::contribution::ContributionCulling), [`NoContributionCulling`](crate::contribution::NoContributionCulling) | `measure_areas`, `cull_small`, `fade_small`, `forget_small` in `PostUpdate`, in [`CullSteps::Contribution`](crate::culling::CullSteps); `report_contribution` in `Last` | see [`render_graph::contribution`] |
 //! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `cull_occluded`, `forget_occluded` in `PostUpdate`, in [`CullSteps::Occlusion`](crate::culling::CullSteps); `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
 //! | both | – | `build_mesh_volumes`, `update_candidates` in `PostUpdate`, in [`CullSteps::Candidates`](crate::culling::CullSteps) after `CheckVisibility` | – |
+//! | [`ResolutionPlugin`] | [`ResolutionScale`](crate::resolution::ResolutionScale) | – | see [`render_graph::upscale`](mod@crate::render_graph::upscale) |
 //! | [`BudgetPlugin`] | [`FrameBudget`](crate::budget::FrameBudget) | see [`budget`] | – |
 //!
 //! A feature whose component is nowhere in the scene costs its systems' empty queries and nothing else: no
@@ -22,7 +23,7 @@ use crate::{
     render_graph::{
         self, contribution::ContributionStats, occlusion::OcclusionStats, stats::TerrainStats,
     },
-    systems, terrain, terrain_shadow,
+    resolution, systems, terrain, terrain_shadow,
 };
 
 /// Every feature of the suite.
@@ -33,6 +34,7 @@ use crate::{
 /// | [`TerrainPlugin`] | ray-cast terrain and its shadows |
 /// | [`ContributionPlugin`] | what covers too little of the picture is not drawn |
 /// | [`OcclusionPlugin`] | what the depth buffer hides is not drawn |
+/// | [`ResolutionPlugin`] | the main passes draw fewer pixels |
 /// | [`BudgetPlugin`] | frame time is held by moving the others' knobs |
 pub struct SkylinePlugins;
 
@@ -43,6 +45,7 @@ impl PluginGroup for SkylinePlugins {
             .add(TerrainPlugin)
             .add(ContributionPlugin)
             .add(OcclusionPlugin)
+            .add(ResolutionPlugin)
             .add(BudgetPlugin)
     }
 }
@@ -144,5 +147,21 @@ impl Plugin for OcclusionPlugin {
 
     fn finish(&self, app: &mut App) {
         render_graph::occlusion::add_occlusion_passes(app);
+    }
+}
+
+/// Resolution scale of the main passes.
+pub struct ResolutionPlugin;
+
+impl Plugin for ResolutionPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<TerrainPlugin>() && !app.is_plugin_added::<OcclusionPlugin>() {
+            render_graph::embed_shaders(app);
+        }
+        resolution::register(app);
+    }
+
+    fn finish(&self, app: &mut App) {
+        render_graph::upscale::add_upscale_pass(app);
     }
 }

@@ -54,6 +54,9 @@ mod query;
 #[path = "it/ray_cast.rs"]
 mod ray_cast;
 #[cfg(feature = "cli")]
+#[path = "it/resolution.rs"]
+mod resolution;
+#[cfg(feature = "cli")]
 #[path = "it/terrain_app.rs"]
 mod terrain_app;
 #[cfg(feature = "cli")]

@@ -51,7 +51,7 @@ fn ray_cast(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) 
     }
     var nearest = depth;
 #ifdef STOP_AT_DEPTH
-    nearest = max(nearest, textureLoad(drawn_depth, id.xy, 0));
+    nearest = max(nearest, textureLoad(drawn_depth, id.xy + view.viewport_px, 0));
 #endif
     let ray = ray_at(vec2<f32>(id.xy) + 0.5);
     let t_footprint = footprint_t(ray);

@@ -79,6 +79,8 @@ struct TerrainView {
     depth_from_grid: vec4<f32>,
     /// Planes of the view, inward normals: dot(xyz, p) + w >= 0 inside. The sixth is unused.
     frustum: array<vec4<f32>, 6>,
+    /// Upper left corner of the viewport in the camera's textures. units: px
+    viewport_px: vec2<u32>,
 };
 
 /// No ray of this view starts inside the ground.

@@ -81,6 +81,21 @@ pub fn layout(viewport: UVec2, block: UVec2) -> Vec<DepthLevel> {
     }
 }
 
+/// How many texels [`layout`] has, without making it.
+pub fn room_for(viewport: UVec2, block: UVec2) -> usize {
+    let halved = |size: UVec2| size.map(|side| side.div_ceil(2));
+    let first = UVec2::new(
+        viewport.x.div_ceil(block.x.max(1)),
+        viewport.y.div_ceil(block.y.max(1)),
+    )
+    .max(UVec2::ONE);
+    core::iter::successors(Some(first), |size| {
+        (*size != UVec2::ONE).then(|| halved(*size))
+    })
+    .map(|size| size.x as usize * size.y as usize)
+    .sum()
+}
+
 /// How many texels all levels have together.
 pub fn texel_count(levels: &[DepthLevel]) -> usize {
     let texels = |level: &DepthLevel| level.size.x as usize * level.size.y as usize;
@@ -102,6 +117,16 @@ impl Sampling {
             Self::Strided { x, y } => UVec2::new(x, y),
         }
         .clamp(UVec2::ONE, UVec2::splat(MOST_BLOCK))
+    }
+
+    /// The same with the block chosen that a viewport asks for, so that it stays when less of the viewport is drawn.
+    pub fn for_viewport(self, viewport: UVec2) -> Self {
+        match self {
+            Self::Conservative { block: 0 } => Self::Conservative {
+                block: self.block(viewport).x,
+            },
+            chosen => chosen,
+        }
     }
 
     /// What is wrong with it, in words, and what is done instead; `None` if nothing is.

@@ -368,7 +368,7 @@ impl Offline {
             .filter_map(|slot| slot.tile_start.as_ref())
             .flatten()
         {
-            let size = starts.buffer.size();
+            let size = 8 * u64::from(starts.tiles.x) * u64::from(starts.tiles.y);
             let bytes = self.read_back(size, |encoder, buffer| {
                 encoder.copy_buffer_to_buffer(&starts.buffer, 0, buffer, 0, size);
             })?;

@@ -9,3 +9,4 @@ mod outcome;
 pub mod ray_cast;
 pub mod surface;
 pub mod terrain_shadow;
+pub mod upscale;

@@ -41,6 +41,7 @@ pub fn embed(app: &mut App) {
     embedded_asset!(app, "../../assets/shaders/terrain_cascade_erode.wgsl");
     embedded_asset!(app, "../../assets/shaders/terrain_cascade.wgsl");
     embedded_asset!(app, "../../assets/shaders/occludee_verdicts.wgsl");
+    embedded_asset!(app, "../../assets/shaders/upscale.wgsl");
 }
 
 /// Handles to the entry points.
@@ -106,4 +107,9 @@ pub fn occludee_verdicts(assets: &AssetServer) -> Handle<Shader> {
 /// `contribution.wgsl`.
 pub fn contribution(assets: &AssetServer) -> Handle<Shader> {
     load_embedded_asset!(assets, "../../assets/shaders/contribution.wgsl")
+}
+
+/// `upscale.wgsl`.
+pub fn upscale(assets: &AssetServer) -> Handle<Shader> {
+    load_embedded_asset!(assets, "../../assets/shaders/upscale.wgsl")
 }

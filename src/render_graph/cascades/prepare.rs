@@ -282,6 +282,7 @@ impl TerrainCascade {
                     terrain,
                     field,
                     rays: &rays,
+                    room_px: rays.size_px,
                     settings: &LIGHT_RAYS,
                     // They start before the whole terrain.
                     in_air: true,

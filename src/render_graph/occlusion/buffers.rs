@@ -229,8 +229,10 @@ pub struct ViewOcclusion {
     pub view: Buffer,
     /// Reduced depth, all levels.
     pub reduced: Buffer,
-    /// Texels of all levels.
+    /// Texels of all levels, this frame.
     pub texels: usize,
+    /// Texels there is room for.
+    pub room: usize,
     /// A bit each slot: is to be tested.
     pub to_test: Buffer,
     /// A bit each slot: was found hidden.
@@ -274,16 +276,17 @@ pub fn storage(device: &RenderDevice, label: &str, bytes: usize) -> Buffer {
 }
 
 impl ViewOcclusion {
-    /// Memory for a camera whose reduced depth has so many texels, and for so many words of slots.
-    pub fn new(device: &RenderDevice, texels: usize, words: usize, key: ReduceKey) -> Self {
+    /// Memory for a camera whose reduced depth has at most so many texels, and for so many words of slots.
+    pub fn new(device: &RenderDevice, room: usize, words: usize, key: ReduceKey) -> Self {
         Self {
             view: storage(
                 device,
                 "skyline_occlusion_view",
                 size_of::<GpuOcclusionView>(),
             ),
-            reduced: storage(device, "skyline_reduced_depth", 4 * texels),
-            texels,
+            reduced: storage(device, "skyline_reduced_depth", 4 * room),
+            texels: room,
+            room,
             to_test: storage(device, "skyline_occlusion_to_test", 4 * words),
             hidden: storage(device, "skyline_occlusion_hidden", 4 * words),
             late: storage(device, "skyline_late_draws", 4),

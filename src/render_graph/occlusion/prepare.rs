@@ -12,7 +12,7 @@ use bevy::{
             BatchedInstanceBuffers, IndirectParametersBuffers, PreprocessWorkItem,
             PreprocessWorkItemBuffers,
         },
-        camera::TemporalJitter,
+        camera::{ExtractedCamera, TemporalJitter},
         render_resource::*,
         renderer::{RenderDevice, RenderQueue},
         sync_world::MainEntity,
@@ -22,7 +22,7 @@ use bevy::{
 
 use crate::occlusion::{
     Sampling,
-    depth::{GpuOcclusionView, ReducedDepth, texel_count},
+    depth::{GpuOcclusionView, ReducedDepth, room_for, texel_count},
 };
 
 use super::{
@@ -47,6 +47,7 @@ pub fn make_depth_readable(extracted: Res<ExtractedOcclusion>, mut cameras: Quer
 /// What is known of a camera when its memory is made ready.
 type CameraData<'w> = (
     &'w ExtractedView,
+    &'w ExtractedCamera,
     &'w Msaa,
     Option<&'w TemporalJitter>,
     Option<&'w MainPassResolutionOverride>,
@@ -125,36 +126,48 @@ pub fn prepare_occlusion(
 
     views.0.values_mut().for_each(|view| view.live = false);
     for camera in &extracted.cameras {
-        let Ok((view, msaa, jitter, resolution)) = cameras.get(camera.render) else {
+        let Ok((view, extracted_camera, msaa, jitter, resolution)) = cameras.get(camera.render)
+        else {
             continue;
         };
         let size = resolution.map_or(view.viewport.zw(), |to| to.0);
         let clip_from_world = clip_from_world(view, jitter, size);
+        // A resolution scale may change every frame: blocks and memory are those of the whole viewport.
+        let whole = extracted_camera
+            .physical_viewport_size
+            .map_or(size, |whole| whole.max(size));
+        let sampling = camera.sampling.for_viewport(whole);
         let key = ReduceKey {
-            block: camera.sampling.block(size),
-            strided: camera.sampling.is_strided(),
+            block: sampling.block(size),
+            strided: sampling.is_strided(),
             samples: msaa.samples(),
         };
-        let Some(header) = reducible(clip_from_world, size, camera.sampling, &device) else {
+        let Some(header) = reducible(clip_from_world, size, sampling, &device) else {
             continue;
         };
         let gpu = GpuOcclusionView::of_header(&header, view.viewport.xy());
         let texels = texel_count(&header.levels);
+        let room = if whole == size {
+            texels
+        } else {
+            room_for(whole, key.block)
+        };
         let words = extracted.slots.div_ceil(32).max(1);
         let fits = views
             .0
             .get(&MainEntity::from(camera.main))
-            .is_some_and(|v| v.key == key && v.texels == texels && v.words >= words);
+            .is_some_and(|v| v.key == key && v.room == room && v.words >= words);
         if !fits {
             views.0.insert(
                 camera.main.into(),
-                ViewOcclusion::new(&device, texels, words * 3 / 2, key),
+                ViewOcclusion::new(&device, room, words * 3 / 2, key),
             );
         }
         let Some(to) = views.0.get_mut(&MainEntity::from(camera.main)) else {
             continue;
         };
         to.live = true;
+        to.texels = texels;
         to.tests = camera.to_test.as_words().iter().any(|word| *word != 0);
         to.header = header;
         queue.write_buffer(&to.view, 0, bytemuck::bytes_of(&gpu));

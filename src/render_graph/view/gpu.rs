@@ -48,6 +48,7 @@ pub struct GpuTerrainView {
     pub(super) clip_from_grid: Mat4,
     pub(super) depth_from_grid: Vec4,
     pub(super) frustum: [Vec4; 6],
+    pub(super) viewport_px: UVec2,
 }
 
 /// Mirrors `Placement` in `placement.wgsl`.

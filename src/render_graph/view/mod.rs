@@ -60,7 +60,11 @@ pub struct ViewTerrain {
 
 /// Where rays write what they hit.
 pub struct HitTargets {
+    /// Pixels cast this frame, from the upper left corner.
     pub size: UVec2,
+    /// Size of the textures: of the whole viewport, so that a [`ResolutionScale`](crate::resolution::ResolutionScale)
+    /// may change every frame.
+    room: UVec2,
     pub depth: Texture,
     pub depth_view: TextureView,
     pub surface: Texture,
@@ -70,7 +74,8 @@ pub struct HitTargets {
 
 /// Where boxes are drawn: one texel a pixel, or one a tile.
 pub struct BoxTargets {
-    pub size: UVec2,
+    /// Size of the textures.
+    pub room: UVec2,
     pub entry_view: TextureView,
     pub depth_view: TextureView,
     generation: u64,
@@ -92,8 +97,8 @@ impl TerrainViews {
         self.views
             .values()
             .map(|view| {
-                let targets = view.targets.as_ref().map_or(0, |t| 8 * pixels(t.size));
-                let boxes = view.boxes.as_ref().map_or(0, |b| 8 * pixels(b.size));
+                let targets = view.targets.as_ref().map_or(0, |t| 8 * pixels(t.room));
+                let boxes = view.boxes.as_ref().map_or(0, |b| 8 * pixels(b.room));
                 let slots: u64 =
                     view.slots
                         .values()
@@ -150,6 +155,7 @@ pub fn prepare_terrain_views(
             continue;
         };
         let size_px = resolution.map_or(full_size, |size| size.0);
+        let room_px = full_size.max(size_px);
         let mut clip_from_view = extracted_view.clip_from_view;
         let unjittered = clip_from_view;
         if let Some(jitter) = jitter {
@@ -206,6 +212,7 @@ pub fn prepare_terrain_views(
                     terrain,
                     field,
                     rays: &rays,
+                    room_px,
                     settings: &terrain_camera.settings,
                     in_air,
                     boxes: true,
@@ -225,7 +232,7 @@ pub fn prepare_terrain_views(
         }
         view.slots.retain(|_, slot| slot.seen);
         if !view.drawn.is_empty() {
-            view.prepare_targets(size_px, &device, &mut terrain_views.generation);
+            view.prepare_targets(size_px, room_px, &device, &mut terrain_views.generation);
         }
         terrain_views.views.insert(main_entity, view);
     }
@@ -246,7 +253,13 @@ pub fn prepare_terrain_views(
 }
 
 impl ViewTerrain {
-    fn prepare_targets(&mut self, size: UVec2, device: &RenderDevice, generation: &mut u64) {
+    fn prepare_targets(
+        &mut self,
+        size: UVec2,
+        room: UVec2,
+        device: &RenderDevice,
+        generation: &mut u64,
+    ) {
         let texture = |label, size: UVec2, format, usage| {
             device.create_texture(&TextureDescriptor {
                 label: Some(label),
@@ -266,22 +279,26 @@ impl ViewTerrain {
         if self
             .targets
             .as_ref()
-            .is_none_or(|targets| targets.size != size)
+            .is_none_or(|targets| targets.room != room)
         {
             *generation += 1;
             let usage = TextureUsages::STORAGE_BINDING
                 | TextureUsages::TEXTURE_BINDING
                 | TextureUsages::COPY_SRC;
-            let depth = texture("skyline_hit_depth", size, TextureFormat::R32Float, usage);
-            let surface = texture("skyline_hit_surface", size, TextureFormat::R32Uint, usage);
+            let depth = texture("skyline_hit_depth", room, TextureFormat::R32Float, usage);
+            let surface = texture("skyline_hit_surface", room, TextureFormat::R32Uint, usage);
             self.targets = Some(HitTargets {
                 size,
+                room,
                 depth_view: depth.create_view(&default()),
                 surface_view: surface.create_view(&default()),
                 depth,
                 surface,
                 generation: *generation,
             });
+        }
+        if let Some(targets) = &mut self.targets {
+            targets.size = size;
         }
         let traversals = |traversal| {
             self.drawn.iter().any(|e| {
@@ -290,20 +307,20 @@ impl ViewTerrain {
                     .is_some_and(|slot| slot.traversal == traversal)
             })
         };
-        let box_size = if traversals(Traversal::Boxes) {
-            Some(size)
+        let box_room = if traversals(Traversal::Boxes) {
+            Some(room)
         } else if traversals(Traversal::Hybrid) {
-            Some(size.map(|n| n.div_ceil(BEAM_PX[0])))
+            Some(room.map(|n| n.div_ceil(BEAM_PX[0])))
         } else {
             None
         };
-        match box_size {
+        match box_room {
             None => self.boxes = None,
-            Some(size) if self.boxes.as_ref().is_none_or(|boxes| boxes.size != size) => {
+            Some(room) if self.boxes.as_ref().is_none_or(|boxes| boxes.room != room) => {
                 *generation += 1;
                 let entry = texture(
                     "skyline_box_entry",
-                    size,
+                    room,
                     BOX_ENTRY_FORMAT,
                     TextureUsages::RENDER_ATTACHMENT
                         | TextureUsages::TEXTURE_BINDING
@@ -311,12 +328,12 @@ impl ViewTerrain {
                 );
                 let depth = texture(
                     "skyline_box_depth",
-                    size,
+                    room,
                     BOX_DEPTH_FORMAT,
                     TextureUsages::RENDER_ATTACHMENT,
                 );
                 self.boxes = Some(BoxTargets {
-                    size,
+                    room,
                     entry_view: entry.create_view(&default()),
                     depth_view: depth.create_view(&default()),
                     generation: *generation,

@@ -34,6 +34,8 @@ const MOST_BOXES: u32 = 1 << 22;
 pub struct TileStarts {
     pub buffer: Buffer,
     pub tiles: UVec2,
+    /// Tiles there is room for.
+    room: UVec2,
 }
 
 /// The lists of one subdivision.
@@ -93,6 +95,8 @@ pub(in crate::render_graph) struct SlotInputs<'a> {
     pub terrain: &'a ExtractedTerrain,
     pub field: &'a GpuHeightField,
     pub rays: &'a ViewRays,
+    /// The most pixels that these rays may become without anything being made anew. units: px
+    pub room_px: UVec2,
     pub settings: &'a TerrainRayCasting,
     pub in_air: bool,
     /// Whether traversals that use boxes get them; without, their rays start where the terrain may begin.
@@ -127,22 +131,29 @@ impl TerrainSlot {
             inputs.boxes && matches!(self.traversal, Traversal::Boxes | Traversal::Hybrid);
         let hybrid = self.traversal == Traversal::Hybrid;
         let tiles = BEAM_PX.map(|side| rays.size_px.map(|n| n.div_ceil(side)));
+        let room = BEAM_PX.map(|side| inputs.room_px.max(rays.size_px).map(|n| n.div_ceil(side)));
         if !hybrid {
             self.tile_start = None;
         } else if self
             .tile_start
             .as_ref()
-            .is_none_or(|starts| starts[1].tiles != tiles[1])
+            .is_none_or(|starts| starts[1].room != room[1])
         {
-            self.tile_start = Some(tiles.map(|tiles| TileStarts {
+            self.tile_start = Some(room.map(|room| TileStarts {
                 buffer: device.create_buffer(&BufferDescriptor {
                     label: Some("skyline_tile_start"),
-                    size: u64::from(tiles.x) * u64::from(tiles.y) * 8,
+                    size: u64::from(room.x) * u64::from(room.y) * 8,
                     usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
                     mapped_at_creation: false,
                 }),
-                tiles,
+                tiles: room,
+                room,
             }));
+        }
+        if let Some(starts) = &mut self.tile_start {
+            for (starts, tiles) in starts.iter_mut().zip(tiles) {
+                starts.tiles = tiles;
+            }
         }
         if uses_boxes {
             self.prepare_lists(device, queue, generation);
@@ -211,6 +222,7 @@ impl TerrainSlot {
             clip_from_grid: rays.clip_from_grid,
             depth_from_grid: rays.depth_from_grid,
             frustum: rays.frustum,
+            viewport_px: inputs.viewport_px.as_uvec2(),
         });
         self.view.write_buffer(device, queue);
 
