@@ -195,7 +195,7 @@ fn a_file_of_results_is_loaded_and_a_bad_one_is_no_end() {
     let Some(mut offline) = app() else { return };
     let app = &mut offline.app;
     app.world_mut().resource_mut::<SkylinePanel>().open = true;
-    let mut load = |app: &mut App, path: &str| {
+    let load = |app: &mut App, path: &str| {
         app.world_mut()
             .write_message(PanelRequest::Load(path.into()));
         app.update();

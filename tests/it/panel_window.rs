@@ -32,7 +32,7 @@ use bevy_skyline::{
         Look,
         city::{self, CitySize},
     },
-    panel::{PanelData, PanelPlugin, PanelRequest, SkylinePanel},
+    panel::{PanelData, PanelPlugin, SkylinePanel},
     prelude::*,
 };
 use image::RgbImage;
@@ -277,9 +277,8 @@ fn play(
     mut commands: Commands,
     window: Single<Entity, With<PrimaryWindow>>,
     mut keys: MessageWriter<KeyboardInput>,
-    mut requests: MessageWriter<PanelRequest>,
     mut exit: MessageWriter<AppExit>,
-    panel: Res<SkylinePanel>,
+    mut panel: ResMut<SkylinePanel>,
     data: Option<Res<PanelData>>,
 ) {
     play.frame += 1;
@@ -304,7 +303,7 @@ fn play(
         0 | 2 | 4 => pictures > play.step / 2,
         1 if !panel.open => {
             press(&mut keys, *window);
-            requests.write(PanelRequest::Load(RESULTS.into()));
+            panel.results = Some(RESULTS.into());
             true
         }
         3 => {
