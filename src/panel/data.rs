@@ -294,7 +294,7 @@ pub fn gather(
 }
 
 impl PanelData {
-    /// The strictest budget's measurement, else the interval.
+    /// What the strictest budget measures, else the interval: also while a budget has no measurement.
     fn take_frame_time(&mut self, time: &Time<Real>, sources: &Sources) {
         let active = sources
             .budgets
@@ -302,8 +302,10 @@ impl PanelData {
             .filter(|(camera, ..)| camera.is_active);
         let strictest = active.min_by(|(_, a, _), (_, b, _)| a.target_ms.total_cmp(&b.target_ms));
         let (time_of, ms) = match strictest {
-            Some((_, budget, state)) => (TimeOf::Budget(budget.clock), state.measured_ms),
-            None => (TimeOf::Interval, Some(time.delta_secs() * 1e3)),
+            Some((_, budget, state)) if state.status != BudgetStatus::NoMeasurement => {
+                (TimeOf::Budget(budget.clock), state.measured_ms)
+            }
+            _ => (TimeOf::Interval, Some(time.delta_secs() * 1e3)),
         };
         if self.time_of != time_of {
             // Different times have no mean in common.

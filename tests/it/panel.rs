@@ -17,12 +17,14 @@ use bevy_egui::{
     egui::{self, Event, Modifiers, PointerButton, RawInput},
 };
 use bevy_skyline::{
+    budget::BudgetStatus,
     offline::Offline,
     panel::{
         PanelCamera, PanelData, PanelPlugin, PanelRequest, SkylinePanel,
         counts::ReasonCounts,
-        data::{EffectRow, KnobRow},
+        data::{BudgetRow, EffectRow, KnobRow},
         draw::{self, PanelView},
+        results::Results,
     },
     prelude::*,
 };
@@ -72,10 +74,7 @@ fn closed_it_holds_nothing_and_hears_nothing() {
     let target = offline.target(UVec2::new(400, 300));
     offline.camera(&target, ());
     let app = &mut offline.app;
-    let before = {
-        app.update();
-        app.world().entities().count_spawned()
-    };
+    app.update();
     assert_eq!(held(app), (0, 0, 0, false));
     app.world_mut()
         .write_message(PanelRequest::Load("/nowhere".into()));
@@ -114,12 +113,18 @@ fn closed_it_holds_nothing_and_hears_nothing() {
     press(app, KeyCode::F3);
     app.update();
     assert_eq!(held(app), (0, 0, 0, false));
-    assert_eq!(app.world().entities().count_spawned(), before);
 
-    // By code as well as by key, and with no key at all.
-    let mut panel = app.world_mut().resource_mut::<SkylinePanel>();
-    panel.open = true;
-    panel.key = None;
+    // By code as well as by key, and with no key at all. Nothing piles up.
+    let once = app.world().entities().count_spawned();
+    app.world_mut().resource_mut::<SkylinePanel>().key = None;
+    for open in [true, false, true, false] {
+        app.world_mut().resource_mut::<SkylinePanel>().open = open;
+        app.update();
+        app.update();
+    }
+    assert_eq!(held(app), (0, 0, 0, false));
+    assert_eq!(app.world().entities().count_spawned(), once);
+    app.world_mut().resource_mut::<SkylinePanel>().open = true;
     app.update();
     press(app, KeyCode::F3);
     app.update();
@@ -256,44 +261,79 @@ fn knob(manual: Option<usize>) -> KnobRow {
     }
 }
 
-/// Draws the data, and clicks at every place of a grid over the panel.
-fn clicked(data: &PanelData) -> Vec<PanelRequest> {
-    let size = egui::vec2(900.0, 900.0);
-    let context = egui::Context::default();
-    let mut view = PanelView::new(&SkylinePanel::default());
-    let mut requests = Vec::new();
-    let mut time = 0.0;
-    let mut pass = |events: Vec<Event>, requests: &mut Vec<PanelRequest>| {
-        time += 0.1;
+/// The panel in a window of the mind.
+struct Screen {
+    context: egui::Context,
+    view: PanelView,
+    time: f64,
+    requests: Vec<PanelRequest>,
+}
+
+impl Screen {
+    const SIZE: egui::Vec2 = egui::vec2(900.0, 900.0);
+
+    fn new() -> Self {
+        Self {
+            context: egui::Context::default(),
+            view: PanelView::new(&SkylinePanel::default()),
+            time: 0.0,
+            requests: Vec::new(),
+        }
+    }
+
+    /// A frame; returns what is painted.
+    fn pass(&mut self, data: &PanelData, events: Vec<Event>) -> Vec<egui::Shape> {
+        self.time += 0.1;
         let input = RawInput {
-            screen_rect: Some(egui::Rect::from_min_size(egui::Pos2::ZERO, size)),
-            time: Some(time),
+            screen_rect: Some(egui::Rect::from_min_size(egui::Pos2::ZERO, Self::SIZE)),
+            time: Some(self.time),
             events,
             ..RawInput::default()
         };
-        let output = context.run_ui(input, |ui| {
-            view.width = draw::panel(ui, data, &mut view, "", requests);
+        let Self { view, requests, .. } = self;
+        let mut output = self.context.run_ui(input, |ui| {
+            view.width = draw::panel(ui, data, view, "", requests);
         });
-        assert!(!output.shapes.is_empty());
-        view.width
-    };
-    let width = pass(Vec::new(), &mut requests);
+        output.textures_delta.clear();
+        output.shapes.into_iter().map(|shape| shape.shape).collect()
+    }
+
+    fn click(&mut self, data: &PanelData, pos: egui::Pos2) {
+        let button = |pressed| Event::PointerButton {
+            pos,
+            button: PointerButton::Primary,
+            pressed,
+            modifiers: Modifiers::NONE,
+        };
+        self.pass(data, vec![Event::PointerMoved(pos)]);
+        self.pass(data, vec![button(true)]);
+        self.pass(data, vec![button(false)]);
+    }
+}
+
+/// Everything that is written.
+fn texts(shapes: &[egui::Shape]) -> String {
+    let words = shapes.iter().map(|shape| match shape {
+        egui::Shape::Text(text) => text.galley.text().to_owned(),
+        egui::Shape::Vec(shapes) => texts(shapes),
+        _ => String::new(),
+    });
+    words.collect::<Vec<_>>().join("\n")
+}
+
+/// Draws the data, and clicks at every place of a grid over the panel.
+fn clicked(data: &PanelData) -> Vec<PanelRequest> {
+    let mut screen = Screen::new();
+    assert!(!screen.pass(data, Vec::new()).is_empty());
+    let width = screen.view.width;
     assert!((320.0..500.0).contains(&width), "{width}");
     for y in (40..880).step_by(7) {
         for across in [20.0, 120.0, width - 40.0] {
-            let pos = egui::pos2(size.x - width + across, y as f32);
-            let button = |pressed| Event::PointerButton {
-                pos,
-                button: PointerButton::Primary,
-                pressed,
-                modifiers: Modifiers::NONE,
-            };
-            pass(vec![Event::PointerMoved(pos)], &mut requests);
-            pass(vec![button(true)], &mut requests);
-            pass(vec![button(false)], &mut requests);
+            let pos = egui::pos2(Screen::SIZE.x - width + across, y as f32);
+            screen.click(data, pos);
         }
     }
-    requests
+    screen.requests
 }
 
 #[test]
@@ -314,4 +354,93 @@ fn a_click_asks_for_what_it_says() {
     assert!(requests.contains(&ask(None)), "{requests:?}");
     assert!(requests.contains(&ask(Some(0))), "{requests:?}");
     assert!(requests.contains(&ask(Some(3))), "{requests:?}");
+}
+
+#[test]
+fn what_is_known_is_written() {
+    let mut data = PanelData::default();
+    let active = EffectState::Active(Activity {
+        what: "7 of 9 candidates removed".into(),
+        cpu_ms: 1.25,
+        gpu_ms: None,
+        bytes: 3_500_000,
+    });
+    let states = [
+        (Effect::ZBufferOcclusion, active),
+        (Effect::Terrain, EffectState::Idle("out of view".into())),
+        (
+            Effect::TerrainShadow,
+            EffectState::Unsupported("no GPU".into()),
+        ),
+        (Effect::FrameBudget, EffectState::Dormant),
+    ];
+    data.effects = states
+        .map(|(effect, state)| EffectRow { effect, state })
+        .into();
+    data.knobs = vec![knob(None)];
+    data.budget = Some(BudgetRow {
+        target_ms: 16.5,
+        predicted_ms: Some(15.5),
+        threshold_px2: 40.0,
+        status: BudgetStatus::Held,
+    });
+    // The last of four is over the target.
+    [10.0, 12.0, 14.0, 20.0].map(|ms| data.frames.push(ms));
+    let shapes = Screen::new().pass(&data, Vec::new());
+    let written = texts(&shapes);
+    for words in [
+        "target 16.5 ms",
+        "14.00 ms",
+        "20.00 ms",
+        "25.0 %",
+        "Z-buffer occlusion",
+        "7 of 9 candidates removed",
+        "1.25",
+        "3.5",
+        "out of view",
+        "no GPU",
+        "nothing in the scene asks for it",
+        "active",
+        "idle",
+        "unsupported",
+        "dormant",
+        "terrain error",
+        "1 px",
+        "saves 3.25 ms",
+        "predicted 15.5 ms",
+    ] {
+        assert!(written.contains(words), "no {words:?} in\n{written}");
+    }
+}
+
+#[test]
+fn a_point_says_its_setting() {
+    let results = Results::load(RESULTS.as_ref()).unwrap();
+    let mut data = PanelData::default();
+    data.results = Some((RESULTS.into(), Ok(results.clone())));
+    let mut screen = Screen::new();
+    // The second frame knows the widths of the first.
+    screen.pass(&data, Vec::new());
+    let shapes = screen.pass(&data, Vec::new());
+    let at: Vec<egui::Pos2> = shapes
+        .iter()
+        .filter_map(|shape| match shape {
+            egui::Shape::Circle(circle) if circle.radius == 3.0 => Some(circle.center),
+            _ => None,
+        })
+        .collect();
+    let shown = results.points.iter().filter(|point| point.group == 0);
+    let settings: Vec<&String> = shown.map(|point| &point.setting).collect();
+    assert_eq!(at.len(), settings.len());
+    for pos in at {
+        let mut written = String::new();
+        for _ in 0..10 {
+            let events = vec![Event::PointerMoved(pos)];
+            written = texts(&screen.pass(&data, events));
+        }
+        assert!(
+            settings.iter().any(|setting| written.contains(*setting)),
+            "{pos} says no setting"
+        );
+    }
 }

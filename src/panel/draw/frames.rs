@@ -19,12 +19,7 @@ pub(super) fn frames(ui: &mut Ui, data: &PanelData) {
     heading(ui, "Frame time", data.time_of.words());
     let target_ms = data.budget.map(|budget| budget.target_ms);
     let Some(stats) = data.frames.stats(target_ms) else {
-        remark(
-            ui,
-            "No frame time has been measured yet; a frame budget with a given clock needs GivenFrameTimes.",
-            AMBER,
-            0,
-        );
+        remark(ui, "No frame time has come yet.", AMBER, 0);
         return;
     };
     graph(ui, data, &stats, target_ms);

@@ -126,10 +126,9 @@ fn plot(ui: &mut Ui, results: &Results, view: &PanelView, error: usize) {
     let front = pareto(&pairs);
     let painter = ui.painter();
     // A step: between two settings of the front there is none better than the quicker one.
-    let mut steps = Vec::with_capacity(2 * front.len());
+    let mut steps: Vec<Pos2> = Vec::with_capacity(2 * front.len());
     for i in &front {
         if let Some(last) = steps.last().copied() {
-            let last: Pos2 = last;
             steps.push(pos2(at[*i].x, last.y));
         }
         steps.push(at[*i]);
