@@ -10,7 +10,7 @@
 //! In the window: W, A, S, D, E and Q fly, Shift flies faster, the right mouse button looks around, the wheel sets
 //! the speed; 1 to 4 choose what is left out, V what stands for an object, B how depth is read, P whether a depth
 //! prepass comes before ours; O shows from above what the camera draws (green), what is hidden from it (red) and what
-//! is out of its view (grey).
+//! is out of its view (grey). With feature `panel`, F3 opens the panel.
 
 #[path = "common/city_options.rs"]
 mod city_options;
@@ -321,18 +321,20 @@ fn fly(options: &Options, scene: Scene) -> AppExit {
         resolution: (options.size.x, options.size.y).into(),
         ..default()
     };
-    App::new()
-        .add_plugins((
-            DefaultPlugins.set(WindowPlugin {
-                primary_window: Some(window),
-                ..default()
-            }),
-            SkylinePlugins,
-            FreeCameraPlugin,
-            FrameTimeDiagnosticsPlugin::default(),
-            OverviewPlugin,
-        ))
-        .insert_resource(Start(scene, options.size))
+    let mut app = App::new();
+    app.add_plugins((
+        DefaultPlugins.set(WindowPlugin {
+            primary_window: Some(window),
+            ..default()
+        }),
+        SkylinePlugins,
+        FreeCameraPlugin,
+        FrameTimeDiagnosticsPlugin::default(),
+        OverviewPlugin,
+    ));
+    #[cfg(feature = "panel")]
+    app.add_plugins(bevy_skyline::panel::PanelPlugin);
+    app.insert_resource(Start(scene, options.size))
         .add_systems(Startup, start)
         .add_systems(
             Update,

@@ -1,15 +1,17 @@
 #!/usr/bin/env bash
 # Makes sure that this machine can build and run bevy_skyline.
 #
-#   scripts/setup.sh [--window]    check, and install what is missing
-#   . scripts/setup.sh             only define `skyline_setup [--window]`, as demo.sh and test.sh do
+#   scripts/setup.sh [--window | --test]    check, and install what is missing
+#   . scripts/setup.sh                      only define `skyline_setup`, with the same arguments, as demo.sh
+#                                           and test.sh do
 #
 # Needed, and why:
 #   Rust             never installed from here: which toolchain to use is yours to choose
 #   C++ compiler     Rust links through `cc`; the FLIP image comparison (feature `cli`) is C++
 #   Vulkan loader    opened at run time; a build does not need it
 #   Vulkan driver    a GPU's own, or Mesa's software driver where there is none
-#   X11 libraries    with --window only: winit opens them at run time
+#   X11 libraries    with --window and --test: winit opens them at run time
+#   Xvfb             with --test: a display in memory, for the test that opens a real window
 # Nothing else: no pkg-config, no ALSA, no udev, no Wayland. The crate turns those parts of Bevy
 # off, and x11-dl, which asks pkg-config for folders, builds without an answer.
 #
@@ -167,12 +169,15 @@ setup_find_missing() {
         setup_need libvulkan1 "Vulkan loader, through which programs find a GPU's driver"
     setup_has_driver ||
         setup_need mesa-vulkan-drivers "Mesa's Vulkan drivers, among them one in software: no driver that works was found"
-    if [ "$1" = window ]; then
+    if [ "$1" != headless ]; then
         local pair
         for pair in libX11.so.6=libx11-6 libX11-xcb.so.1=libx11-xcb1 libXcursor.so.1=libxcursor1 \
             libXi.so.6=libxi6 libxkbcommon.so.0=libxkbcommon0 libxkbcommon-x11.so.0=libxkbcommon-x11-0; do
             setup_has_library "${pair%=*}" || setup_need "${pair#*=}" "to open a window (${pair%=*})"
         done
+    fi
+    if [ "$1" = test ]; then
+        command -v Xvfb >/dev/null || setup_need xvfb "a display in memory, to test a window on"
     fi
 }
 
@@ -214,7 +219,10 @@ setup_install() {
 # Checks everything, and installs what is missing. Ends the calling script where it cannot.
 skyline_setup() {
     local mode=headless
-    if [ "${1-}" = --window ]; then mode=window; fi
+    case ${1-} in
+        --window) mode=window ;;
+        --test) mode=test ;;
+    esac
     if [ "$(uname -s)" != Linux ]; then
         setup_die "these scripts are for Linux: elsewhere, use cargo directly, with --all-features"
     fi
@@ -232,7 +240,7 @@ skyline_setup() {
 if [ "${BASH_SOURCE[0]}" = "$0" ]; then
     set -euo pipefail
     case $#-${1-} in
-        0- | 1---window) skyline_setup "$@" ;;
-        *) printf 'usage: scripts/setup.sh [--window]\n' >&2 && exit 2 ;;
+        0- | 1---window | 1---test) skyline_setup "$@" ;;
+        *) printf 'usage: scripts/setup.sh [--window | --test]\n' >&2 && exit 2 ;;
     esac
 fi

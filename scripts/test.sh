@@ -22,6 +22,6 @@ esac
 
 # shellcheck source=scripts/setup.sh
 . "$root/scripts/setup.sh"
-skyline_setup
+skyline_setup --test
 cd "$root"
 exec cargo test --all-features "$@"

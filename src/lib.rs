@@ -34,6 +34,7 @@
 //! | [`budget`] | the frame budget: measuring, model, controller, knobs |
 //! | [`occlusion`] | Z-buffer occlusion culling: component, volumes, verdicts, what a game sees of it |
 //! | [`resolution`] | resolution scale: the main passes draw fewer pixels |
+//! | `panel` | a panel over the picture: frame times, effects, knobs, what accuracy costs (feature `panel`) |
 //! | [`systems`] | main-world systems |
 //! | [`render_graph`] | the passes and their order |
 //! | [`mod@reference`] | `f64` twins that GPU results are compared with |
@@ -52,6 +53,8 @@ pub mod effects;
 pub mod occlusion;
 #[cfg(feature = "cli")]
 pub mod offline;
+#[cfg(feature = "panel")]
+pub mod panel;
 pub mod plugin;
 pub mod reference;
 pub mod render_graph;

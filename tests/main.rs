@@ -48,6 +48,12 @@ mod occlusion_scenes;
 #[cfg(feature = "cli")]
 #[path = "it/occlusion_twin.rs"]
 mod occlusion_twin;
+#[cfg(all(feature = "cli", feature = "panel"))]
+#[path = "it/panel.rs"]
+mod panel;
+#[cfg(all(feature = "cli", feature = "panel", feature = "window"))]
+#[path = "it/panel_window.rs"]
+mod panel_window;
 #[path = "it/query.rs"]
 mod query;
 #[cfg(feature = "cli")]

@@ -1,0 +1,382 @@
+//! What the panel shows: plain values, gathered while it is open.
+//!
+//! Frame times are taken every frame, everything else a few times a second ([`REFRESH`]): figures that change faster
+//! cannot be read, and a look at every mesh is not for every frame. Drawing works from [`PanelData`] alone.
+
+use core::{any::TypeId, time::Duration};
+use std::path::PathBuf;
+
+use bevy::{
+    camera::visibility::{NoCpuCulling, RenderLayers, VisibleEntities},
+    ecs::system::SystemParam,
+    platform::time::Instant,
+    prelude::*,
+    time::Real,
+    window::FileDragAndDrop,
+};
+
+use super::{
+    PanelCamera, SkylinePanel,
+    counts::{MeshState, ReasonCounts},
+    results::{Results, ResultsError},
+    stats::FrameTimes,
+};
+use crate::{
+    budget::{BudgetClock, BudgetState, BudgetStatus, FrameBudget, Knob, Knobs},
+    contribution::ContributionCounts,
+    culling::{CullReason, CulledEntities},
+    effects::{Effect, EffectState, Effects},
+    occlusion::OcclusionCounts,
+};
+
+/// Time between two looks at everything but frame times.
+pub const REFRESH: Duration = Duration::from_millis(250);
+
+/// Everything that the panel shows. There is none while it is closed.
+#[derive(Resource, Default)]
+pub struct PanelData {
+    /// The last frames.
+    pub frames: FrameTimes,
+    /// What [`frames`](Self::frames) are.
+    pub time_of: TimeOf,
+    /// The strictest budget of an active camera.
+    pub budget: Option<BudgetRow>,
+    /// Every effect, in a fixed order.
+    pub effects: Vec<EffectRow>,
+    /// Every knob, in the order of registration.
+    pub knobs: Vec<KnobRow>,
+    /// Every active camera that sees meshes.
+    pub cameras: Vec<CameraRow>,
+    /// The file of results, with its path as it was asked for.
+    pub results: Option<(PathBuf, Result<Results, ResultsError>)>,
+    /// What the panel itself costs.
+    pub own: OwnCost,
+    /// When all was looked at last. units: since the app's start
+    refreshed: Option<Duration>,
+}
+
+/// Which time a frame time is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TimeOf {
+    /// From one frame's start to the next one's.
+    #[default]
+    Interval,
+    /// What a [`FrameBudget`] measures by this clock.
+    Budget(BudgetClock),
+}
+
+impl TimeOf {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Interval | Self::Budget(BudgetClock::Interval) => "from frame to frame",
+            Self::Budget(BudgetClock::Work) => "work, without waiting for the display",
+            Self::Budget(BudgetClock::Given) => "as given to the frame budget",
+        }
+    }
+}
+
+/// A [`FrameBudget`] and how it stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BudgetRow {
+    /// units: ms
+    pub target_ms: f32,
+    /// units: ms
+    pub predicted_ms: Option<f32>,
+    /// units: px²
+    pub threshold_px2: f32,
+    /// In short.
+    pub status: BudgetStatus,
+}
+
+/// An effect and its state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EffectRow {
+    /// Which.
+    pub effect: Effect,
+    /// As it was at the last look.
+    pub state: EffectState,
+}
+
+/// Every effect, in the panel's order.
+const EFFECTS: [Effect; 5] = [
+    Effect::FrameBudget,
+    Effect::ContributionCulling,
+    Effect::ZBufferOcclusion,
+    Effect::Terrain,
+    Effect::TerrainShadow,
+];
+
+impl EffectRow {
+    /// In words.
+    pub fn name(&self) -> &'static str {
+        // Without a wildcard: a new effect has to be put into the panel's order too.
+        match self.effect {
+            Effect::FrameBudget => "Frame budget",
+            Effect::ContributionCulling => "Contribution culling",
+            Effect::ZBufferOcclusion => "Z-buffer occlusion",
+            Effect::Terrain => "Terrain ray casting",
+            Effect::TerrainShadow => "Terrain shadow",
+        }
+    }
+}
+
+/// A [`Knob`] as it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnobRow {
+    /// Its name; what [`PanelRequest::SetManual`] goes by.
+    pub name: &'static str,
+    /// Unit of its values.
+    pub unit: &'static str,
+    /// Values from the best step to the cheapest.
+    pub values: Vec<f32>,
+    /// The step it stands at.
+    pub at: usize,
+    /// The value it stands at.
+    pub value: Option<f32>,
+    /// The user's choice, if the user chooses.
+    pub manual: Option<usize>,
+    /// What the whole way would save, where it is known. units: ms
+    pub saves_ms: Option<f32>,
+}
+
+impl KnobRow {
+    fn of(knob: &Knob) -> Self {
+        Self {
+            name: knob.name,
+            unit: knob.unit,
+            values: knob.steps.iter().map(|step| step.value).collect(),
+            at: knob.at,
+            value: knob.value(),
+            manual: knob.manual,
+            saves_ms: knob.saves_ms,
+        }
+    }
+}
+
+/// What a camera shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraRow {
+    /// Which.
+    pub camera: Entity,
+    /// Its `Name`, else its entity.
+    pub name: String,
+    /// Meshes by reason.
+    pub counts: ReasonCounts,
+    /// Triangles drawn and triangles in view, where [`ContributionCulling`](crate::contribution::ContributionCulling)
+    /// counts them.
+    pub triangles: Option<(u64, u64)>,
+    /// Meshes that the depth buffer brought back in the same frame.
+    pub drawn_late: u32,
+}
+
+/// What the panel takes on the CPU, on average over about the last second. units: ms
+///
+/// Time on the GPU is not in it: `bevy_egui` does not measure its pass.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OwnCost {
+    /// Gathering.
+    pub gather_ms: f32,
+    /// Laying out and tessellating.
+    pub draw_ms: f32,
+}
+
+impl OwnCost {
+    /// Both. units: ms
+    pub fn total_ms(&self) -> f32 {
+        self.gather_ms + self.draw_ms
+    }
+
+    /// Takes a new time into an average.
+    pub(super) fn average(average_ms: &mut f32, began: Instant) {
+        let ms = began.elapsed().as_secs_f32() * 1e3;
+        *average_ms += (ms - *average_ms) / 32.0;
+    }
+}
+
+/// What a user asks of the panel, by its widgets or by code.
+#[derive(Message, Clone, Debug, PartialEq)]
+pub enum PanelRequest {
+    /// Takes a knob out of the budget's hand, or gives it back with `None`. See [`Knobs::set_manual`].
+    SetManual {
+        /// Its name.
+        knob: &'static str,
+        /// Index of a step.
+        step: Option<usize>,
+    },
+    /// Shows a file of results, read anew even if it is shown already.
+    Load(PathBuf),
+}
+
+/// Does what is asked for. Requests that name no knob or step change nothing.
+pub fn apply_requests(
+    mut requests: MessageReader<PanelRequest>,
+    mut panel: ResMut<SkylinePanel>,
+    mut knobs: Option<ResMut<Knobs>>,
+    mut data: ResMut<PanelData>,
+) {
+    for request in requests.read() {
+        match request {
+            PanelRequest::SetManual { knob, step } => {
+                if let Some(knobs) = &mut knobs {
+                    knobs.set_manual(knob, *step);
+                }
+            }
+            PanelRequest::Load(path) => {
+                panel.results = Some(path.clone());
+                data.results = None;
+            }
+        }
+        // What was asked for shows at once.
+        data.refreshed = None;
+    }
+}
+
+/// A file dropped on a window is a file of results.
+pub fn take_dropped_files(
+    mut dropped: MessageReader<FileDragAndDrop>,
+    mut requests: MessageWriter<PanelRequest>,
+) {
+    for event in dropped.read() {
+        if let FileDragAndDrop::DroppedFile { path_buf, .. } = event {
+            requests.write(PanelRequest::Load(path_buf.clone()));
+        }
+    }
+}
+
+/// What is looked at.
+#[derive(SystemParam)]
+pub struct Sources<'w, 's> {
+    effects: Option<Res<'w, Effects>>,
+    knobs: Option<Res<'w, Knobs>>,
+    budgets: Query<'w, 's, (&'static Camera, &'static FrameBudget, &'static BudgetState)>,
+    cameras: Query<'w, 's, CameraParts, (With<Camera3d>, Without<PanelCamera>)>,
+    meshes: Query<'w, 's, MeshParts, With<Mesh3d>>,
+}
+
+type CameraParts = (
+    Entity,
+    &'static Camera,
+    &'static VisibleEntities,
+    Option<&'static Name>,
+    Option<&'static RenderLayers>,
+    Option<&'static CulledEntities>,
+    Option<&'static ContributionCounts>,
+    Option<&'static OcclusionCounts>,
+);
+
+type MeshParts = (
+    Option<&'static InheritedVisibility>,
+    Option<&'static RenderLayers>,
+    Has<NoCpuCulling>,
+);
+
+/// Fills [`PanelData`].
+pub fn gather(
+    mut data: ResMut<PanelData>,
+    panel: Res<SkylinePanel>,
+    time: Res<Time<Real>>,
+    sources: Sources,
+) {
+    let began = Instant::now();
+    let data = &mut *data;
+    data.take_frame_time(&time, &sources);
+    let now = time.elapsed();
+    let is_due = data
+        .refreshed
+        .is_none_or(|last| now.saturating_sub(last) >= REFRESH);
+    if is_due {
+        data.refreshed = Some(now);
+        data.look(&sources);
+        data.load(panel.results.as_ref());
+    }
+    OwnCost::average(&mut data.own.gather_ms, began);
+}
+
+impl PanelData {
+    /// What the strictest budget measures, else the interval: also while a budget has no measurement.
+    fn take_frame_time(&mut self, time: &Time<Real>, sources: &Sources) {
+        let active = sources
+            .budgets
+            .iter()
+            .filter(|(camera, ..)| camera.is_active);
+        let strictest = active.min_by(|(_, a, _), (_, b, _)| a.target_ms.total_cmp(&b.target_ms));
+        let (time_of, ms) = match strictest {
+            Some((_, budget, state)) if state.status != BudgetStatus::NoMeasurement => {
+                (TimeOf::Budget(budget.clock), state.measured_ms)
+            }
+            _ => (TimeOf::Interval, Some(time.delta_secs() * 1e3)),
+        };
+        if self.time_of != time_of {
+            // Different times have no mean in common.
+            self.frames.clear();
+            self.time_of = time_of;
+        }
+        if let Some(ms) = ms {
+            self.frames.push(ms);
+        }
+        self.budget = strictest.map(|(_, budget, state)| BudgetRow {
+            target_ms: budget.target_ms,
+            predicted_ms: state.predicted_ms,
+            threshold_px2: state.threshold_px2,
+            status: state.status,
+        });
+    }
+
+    fn look(&mut self, sources: &Sources) {
+        self.effects.clear();
+        if let Some(effects) = &sources.effects {
+            self.effects.extend(EFFECTS.map(|effect| EffectRow {
+                effect,
+                state: effects.state(effect).clone(),
+            }));
+        }
+        self.knobs.clear();
+        if let Some(knobs) = &sources.knobs {
+            self.knobs.extend(knobs.iter().map(KnobRow::of));
+        }
+        self.cameras.clear();
+        let default_layers = RenderLayers::default();
+        for (camera, view, visible, name, layers, culled, contribution, occlusion) in
+            &sources.cameras
+        {
+            if !view.is_active {
+                continue;
+            }
+            let removed = |reason| {
+                culled.map_or(0, |culled| {
+                    culled.iter().filter(|(_, why)| *why == reason).count()
+                })
+            };
+            let meshes = sources.meshes.iter();
+            let counts = ReasonCounts::of(
+                meshes.map(|(inherited, layers, no_cpu_culling)| MeshState {
+                    inherited_visible: inherited.is_some_and(|inherited| inherited.get()),
+                    layers,
+                    no_cpu_culling,
+                }),
+                layers.unwrap_or(&default_layers),
+                visible.get(TypeId::of::<Mesh3d>()).len(),
+                removed(CullReason::Contribution),
+                removed(CullReason::Occluded),
+            );
+            self.cameras.push(CameraRow {
+                camera,
+                name: name.map_or_else(|| format!("camera {camera}"), ToString::to_string),
+                counts,
+                triangles: contribution.map(|counts| (counts.triangles_drawn, counts.triangles)),
+                drawn_late: occlusion.map_or(0, |counts| counts.rescued),
+            });
+        }
+        self.cameras.sort_by_key(|row| row.camera);
+    }
+
+    /// Reads the file that is asked for, unless it was read.
+    fn load(&mut self, asked: Option<&PathBuf>) {
+        let have = self.results.as_ref().map(|(path, _)| path);
+        if have == asked {
+            return;
+        }
+        self.results = asked.map(|path| (path.clone(), Results::load(path)));
+    }
+}
