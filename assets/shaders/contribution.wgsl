@@ -49,15 +49,15 @@ fn contribution(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
 #endif
-    let of = candidates[id.x];
+    let candidate = candidates[id.x];
     let area = area_px2(
         area_view.clip_from_world,
         area_view.viewport,
-        of.world_from_local,
-        of.centre,
-        of.axis_0,
-        of.axis_1,
-        of.axis_2,
+        candidate.world_from_local,
+        candidate.centre,
+        candidate.axis_0,
+        candidate.axis_1,
+        candidate.axis_2,
     );
 #ifdef AREAS
     areas[id.x] = area;
