@@ -306,7 +306,11 @@ impl Controller {
                 let off = time(kept, &scaling, left) - aim;
                 let is_close = off <= stays && -off <= stays.max(STAYS_BELOW * target);
                 // Not held up for the sake of calm when nothing need be taken away at all.
-                if is_close && wanted != floor { kept } else { wanted }
+                if is_close && wanted != floor {
+                    kept
+                } else {
+                    wanted
+                }
             }
         };
         let bin = self.bin;
@@ -323,7 +327,11 @@ impl Controller {
             KnobCost::Measured => {
                 let cheaper = to.max(knob.at);
                 let left = 1.0 - knob.expected_share(cheaper);
-                if to > knob.at { predicted * left } else { predicted / left.max(0.05) }
+                if to > knob.at {
+                    predicted * left
+                } else {
+                    predicted / left.max(0.05)
+                }
             }
             KnobCost::Scales(_) => {
                 let (here, there) = (knob.scaling(knob.at), knob.scaling(to));
@@ -422,7 +430,8 @@ impl Controller {
                 Some(predicted) => (ms / predicted).ln(),
                 None => 0.0,
             };
-            let found = self.trim
+            let found = self
+                .trim
                 .push(&self.model, frame.number, frame.expected, full_ms, error);
             // Where the work has changed as well, it is the model that is wrong about it, not the machine.
             if let Found::Changed(by) = found
@@ -544,7 +553,10 @@ fn whole_quanta(target_ms: f64, quantum_ms: Option<f32>) -> f64 {
 /// that agrees with what was expected says no more than that; else it lies a quarter into what the measured one
 /// leaves open, on the side of what was expected: twice that is the most that a next frame is then off by.
 fn most_likely(ms: f64, expected: Option<f64>, quantum_ms: Option<f32>) -> f64 {
-    let Some(quantum) = quantum_ms.map(f64::from).filter(|q| q.is_finite() && *q > 0.0) else {
+    let Some(quantum) = quantum_ms
+        .map(f64::from)
+        .filter(|q| q.is_finite() && *q > 0.0)
+    else {
         return ms;
     };
     let high = (ms / quantum).round().max(1.0) * quantum;

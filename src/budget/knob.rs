@@ -31,6 +31,8 @@ pub struct Knob {
     pub(crate) given_back: Option<u64>,
     /// Whether what it moves is in the scene.
     pub(crate) is_present: bool,
+    /// When it was registered, among the others.
+    pub(crate) order: usize,
     /// Whether the budget's fine work is done with it.
     pub(crate) is_continuous: bool,
 }
@@ -137,6 +139,7 @@ impl Knob {
             patience: 1,
             given_back: None,
             is_present: false,
+            order: 0,
             is_continuous: false,
         })
     }
@@ -147,9 +150,22 @@ impl Knob {
             .or_else(|| self.steps.get(self.stands_at()).map(|step| step.value))
     }
 
+    /// Whether it stands elsewhere than at its best.
+    pub fn is_moved(&self) -> bool {
+        self.stands_at() > self.idle_up_to
+    }
+
     /// The step in force: the user's, else the budget's.
     pub fn stands_at(&self) -> usize {
         self.manual.unwrap_or(self.at)
+    }
+
+    /// Back to its best, for there is nothing to move.
+    pub(crate) fn rest(&mut self) {
+        self.at = 0;
+        self.saves_ms = None;
+        self.live = None;
+        self.idle_up_to = 0;
     }
 
     /// Whether cheaper values are the larger ones.
@@ -206,13 +222,24 @@ impl Knob {
 
     /// Share of the present frame's time that going from a step to the next cheaper one is expected to save.
     pub(crate) fn expected_share(&self, cheaper: usize) -> f64 {
-        f64::from(self.saved.get(cheaper).copied().flatten().unwrap_or(UNTRIED))
+        f64::from(
+            self.saved
+                .get(cheaper)
+                .copied()
+                .flatten()
+                .unwrap_or(UNTRIED),
+        )
     }
 
     /// Whether a step was tried and found to save nothing.
     pub(crate) fn saves_nothing(&self, step: usize) -> bool {
         self.cost.is_measured()
-            && self.saved.get(step).copied().flatten().is_some_and(|share| share < NOTHING)
+            && self
+                .saved
+                .get(step)
+                .copied()
+                .flatten()
+                .is_some_and(|share| share < NOTHING)
     }
 
     /// How the work of a frame is scaled where it stands, of what the user's own setting makes it.
@@ -224,7 +251,11 @@ impl Knob {
         let (best, here) = (of(self.idle_up_to), of(step.max(self.idle_up_to)));
         let ratio = |here: f64, best: f64| {
             let ratio = here / best;
-            if ratio.is_finite() && ratio >= 0.0 { ratio } else { 1.0 }
+            if ratio.is_finite() && ratio >= 0.0 {
+                ratio
+            } else {
+                1.0
+            }
         };
         Workload {
             objects: ratio(here.objects, best.objects),

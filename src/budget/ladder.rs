@@ -110,7 +110,10 @@ impl Ladder {
             to: choice.to,
         };
         if made.to > made.from {
-            if knob.given_back.is_some_and(|at| now.frame.saturating_sub(at) < TOO_SOON) {
+            if knob
+                .given_back
+                .is_some_and(|at| now.frame.saturating_sub(at) < TOO_SOON)
+            {
                 knob.patience = (2 * knob.patience).min(LONGEST);
             }
         } else {

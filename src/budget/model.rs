@@ -19,6 +19,9 @@ use super::workload::{TERMS, Workload};
 const FORGETS: f64 = 0.015;
 const FORGETS_LEAST: f64 = 0.0015;
 const NEW: f64 = 0.01;
+/// Times and terms that can be calculated with. units: ms
+const BELIEVED_MS: core::ops::RangeInclusive<f64> = 1e-6..=1e9;
+const MOST: f64 = 1e18;
 /// Relative error from which a sample counts less, at least.
 const FAR_OFF: f64 = 0.1;
 /// Samples from which on others can be told to be far off.
@@ -80,7 +83,7 @@ impl CostModel {
     /// be calculated with changes nothing.
     pub fn learn(&mut self, work: &Workload, ms: f64, noise: f64, is_new: bool) {
         let terms = work.terms();
-        if !(ms.is_finite() && ms > 0.0 && terms.iter().all(|x| x.is_finite() && *x >= 0.0)) {
+        if !(BELIEVED_MS.contains(&ms) && terms.iter().all(|x| (0.0..=MOST).contains(x))) {
             return;
         }
         for (i, term) in terms.into_iter().enumerate() {
@@ -100,10 +103,13 @@ impl CostModel {
                 0.0
             }
         });
-        let moved = terms.iter().zip(self.last.terms()).fold(0.0, |most: f64, (a, b)| {
-            // From nothing, or to nothing, is a whole difference.
-            most.max((a - b).abs() / a.max(b).max(f64::MIN_POSITIVE))
-        });
+        let moved = terms
+            .iter()
+            .zip(self.last.terms())
+            .fold(0.0, |most: f64, (a, b)| {
+                // From nothing, or to nothing, is a whole difference.
+                most.max((a - b).abs() / a.max(b).max(f64::MIN_POSITIVE))
+            });
         self.last = *work;
         self.fade(1.0 - FORGETS_LEAST.max(FORGETS * (moved / NEW).min(1.0)));
         for i in 0..TERMS {

@@ -19,13 +19,7 @@ pub const TERMS: usize = 5;
 impl Workload {
     /// The terms of the cost model.
     pub fn terms(&self) -> [f64; TERMS] {
-        [
-            1.0,
-            self.objects,
-            self.triangles,
-            self.pixels,
-            self.rays,
-        ]
+        [1.0, self.objects, self.triangles, self.pixels, self.rays]
     }
 
     /// Each term `by` times as large; the fixed one is not in here.

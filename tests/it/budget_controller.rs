@@ -48,7 +48,8 @@ impl City {
         while objects.len() < 12_000 {
             let angle = TAU * dice.roll();
             // Four to one round the turn, with a few narrow streets.
-            let density = 0.25 + 0.75 * (0.5 + 0.5 * angle.cos()) * (0.7 + 0.3 * (9.0 * angle).sin());
+            let density =
+                0.25 + 0.75 * (0.5 + 0.5 * angle.cos()) * (0.7 + 0.3 * (9.0 * angle).sin());
             if dice.roll() > density {
                 continue;
             }
@@ -192,7 +193,10 @@ fn spread(rows: &[Row]) -> f64 {
 fn settles(rows: &[Row], at: usize, until: usize, band: f64, what: &str) {
     let of = |frame: usize| rows[frame].true_ms / f64::from(TARGET);
     let inside = |frame: usize| (1.0 - band..=1.0 + band).contains(&of(frame));
-    let settled = (at..until).rev().find(|frame| !inside(*frame)).map_or(at, |last| last + 1);
+    let settled = (at..until)
+        .rev()
+        .find(|frame| !inside(*frame))
+        .map_or(at, |last| last + 1);
     let (from, frames) = (of(at), settled - at);
     assert!(
         frames <= 15,
@@ -203,7 +207,10 @@ fn settles(rows: &[Row], at: usize, until: usize, band: f64, what: &str) {
     for frame in reached..until {
         let over = of(frame);
         assert!(over <= 1.15, "{what}: {over} in frame {frame}");
-        assert!(over >= 0.85 || frame < settled, "{what}: {over} in frame {frame}");
+        assert!(
+            over >= 0.85 || frame < settled,
+            "{what}: {over} in frame {frame}"
+        );
     }
     println!("{what}: {frames} frames");
 }
@@ -225,7 +232,9 @@ fn a_full_turn_over_a_varying_city_is_held() {
             let ms = rows.iter().map(|row| row.ms / target);
             let (mean, deviation) = (mean(ms.clone()), deviation(ms.clone()));
             let over = ms.filter(|ms| *ms > 1.0).count() as f64 / rows.len() as f64;
-            println!("delay {delay}, noise {noise}: mean {mean:.4}, std {deviation:.4}, over {over:.4}");
+            println!(
+                "delay {delay}, noise {noise}: mean {mean:.4}, std {deviation:.4}, over {over:.4}"
+            );
             assert!(deviation <= 0.05, "{deviation}");
             assert!(over <= 0.01, "{over} of the frames are over");
             assert!((0.95..=1.0).contains(&mean), "{mean}");
@@ -249,7 +258,10 @@ fn without_a_budget_the_same_turn_varies() {
     let low = ms.iter().copied().fold(f64::MAX, f64::min);
     let high = ms.iter().copied().fold(0.0, f64::max);
     println!("{low:.1} to {high:.1} ms");
-    assert!(low > f64::from(TARGET) && high > 2.5 * low, "{low} to {high}");
+    assert!(
+        low > f64::from(TARGET) && high > 2.5 * low,
+        "{low} to {high}"
+    );
 }
 
 #[test]
@@ -308,7 +320,10 @@ fn a_ramp_is_tracked() {
         for (frame, row) in rows.iter().enumerate().skip(100) {
             let off = row.true_ms / f64::from(TARGET) - 1.0;
             // Behind by the delay, what it takes to tell it from noise, and below by the margin.
-            assert!(off.abs() < 0.13 + 6.0 * rate.abs(), "{rate}: {off} in frame {frame}");
+            assert!(
+                off.abs() < 0.13 + 6.0 * rate.abs(),
+                "{rate}: {off} in frame {frame}"
+            );
         }
     }
 }
@@ -332,16 +347,30 @@ fn in_a_steady_scene_the_threshold_stands() {
         .count();
     println!("noise 5 %: spread {spread:.3}, {changes} changes in 1800 frames");
     assert!(spread < 2.0, "{spread}");
-    let true_ms = rows[200..].iter().map(|row| row.true_ms / f64::from(TARGET));
+    let true_ms = rows[200..]
+        .iter()
+        .map(|row| row.true_ms / f64::from(TARGET));
     assert!(deviation(true_ms.clone()) < 0.03, "{}", deviation(true_ms));
-    let over = rows[200..].iter().filter(|row| row.ms > f64::from(TARGET)).count();
-    println!("over {over}, mean {:.3}", mean(rows[200..].iter().map(|row| row.ms)));
+    let over = rows[200..]
+        .iter()
+        .filter(|row| row.ms > f64::from(TARGET))
+        .count();
+    println!(
+        "over {over}, mean {:.3}",
+        mean(rows[200..].iter().map(|row| row.ms))
+    );
 }
 
 #[test]
 fn single_spikes_move_nothing() {
     let city = City::new();
-    let spike = |frame: u64| if frame > 100 && frame % 37 == 0 { 10.0 } else { 1.0 };
+    let spike = |frame: u64| {
+        if frame > 100 && frame % 37 == 0 {
+            10.0
+        } else {
+            1.0
+        }
+    };
     let plant = Plant {
         slower: Box::new(spike),
         ..Default::default()
@@ -369,11 +398,18 @@ fn times_rounded_up_to_the_display_neither_spiral_nor_swing() {
             };
             let (rows, _) = run(&city, &plant, target, 800, |_| 0.4, &mut []);
             for row in &rows[15..] {
-                assert!(row.true_ms < 1.02 * f64::from(target), "{} of {target}", row.true_ms);
+                assert!(
+                    row.true_ms < 1.02 * f64::from(target),
+                    "{} of {target}",
+                    row.true_ms
+                );
             }
             let rest = &rows[400..];
             let true_ms = mean(rest.iter().map(|row| row.true_ms));
-            let over = rest.iter().filter(|row| row.ms > f64::from(target) * 1.01).count();
+            let over = rest
+                .iter()
+                .filter(|row| row.ms > f64::from(target) * 1.01)
+                .count();
             println!(
                 "target {target}, noise {noise}: {true_ms:.1} ms worked, {over} over, spread {:.3}",
                 spread(rest)
@@ -427,7 +463,10 @@ fn a_workload_that_jumps_is_met_at_once() {
         let (rows, _) = run(&city, &plant, TARGET, 800, angle, &mut []);
         for (frame, row) in rows.iter().enumerate().skip(100) {
             let of = row.true_ms / f64::from(TARGET);
-            assert!((0.93..=1.03).contains(&of), "{of} in frame {frame}, delay {delay}");
+            assert!(
+                (0.93..=1.03).contains(&of),
+                "{of} in frame {frame}, delay {delay}"
+            );
         }
     }
 }
@@ -440,10 +479,23 @@ fn times_that_are_none_change_nothing() {
         ..Default::default()
     };
     let (expected, _) = run(&city, &plain, TARGET, 300, |f| 0.01 * f as f64, &mut []);
-    for nonsense in [0.0, -0.0, -5.0, f32::NAN, f32::INFINITY, -f32::INFINITY, 1e9, f32::MAX] {
+    for nonsense in [
+        0.0,
+        -0.0,
+        -5.0,
+        f32::NAN,
+        f32::INFINITY,
+        -f32::INFINITY,
+        1e9,
+        f32::MAX,
+    ] {
         let plant = Plant {
             hears: Box::new(move |frame, ms| {
-                Some(if (100..130).contains(&frame) { nonsense } else { ms })
+                Some(if (100..130).contains(&frame) {
+                    nonsense
+                } else {
+                    ms
+                })
             }),
             ..Default::default()
         };
@@ -471,7 +523,10 @@ fn without_any_time_it_says_so_and_moves_nothing() {
     let (rows, _) = run(&city, &silent, TARGET, 100, |_| 0.4, &mut []);
     for row in &rows {
         assert_eq!(row.decision.status, Status::NoMeasurement);
-        assert_eq!((row.decision.threshold_px2, row.decision.predicted_ms), (0.0, None));
+        assert_eq!(
+            (row.decision.threshold_px2, row.decision.predicted_ms),
+            (0.0, None)
+        );
     }
     // A window that shows no frames for a while: after a second everything stays as it was.
     let dropped = Plant {
@@ -480,10 +535,16 @@ fn without_any_time_it_says_so_and_moves_nothing() {
     };
     let (rows, _) = run(&city, &dropped, TARGET, 600, |_| 0.4, &mut []);
     assert_eq!(rows[400].decision.status, Status::NoMeasurement);
-    assert_eq!(rows[400].decision.threshold_px2, rows[199].decision.threshold_px2);
+    assert_eq!(
+        rows[400].decision.threshold_px2,
+        rows[199].decision.threshold_px2
+    );
     for row in &rows[505..] {
         let of = row.true_ms / f64::from(TARGET);
-        assert!((0.95..=1.0).contains(&of), "{of} after the window came back");
+        assert!(
+            (0.95..=1.0).contains(&of),
+            "{of} after the window came back"
+        );
         assert_eq!(row.decision.status, Status::Held);
     }
 }
@@ -499,7 +560,10 @@ fn a_pause_does_not_wind_it_up() {
         let (rows, _) = run(&city, &plant, TARGET, 300, |_| 0.4, &mut []);
         for row in &rows[190..] {
             let of = row.true_ms / f64::from(TARGET);
-            assert!((0.95..=1.0).contains(&of), "{of} after a pause of {pause} ms");
+            assert!(
+                (0.95..=1.0).contains(&of),
+                "{of} after a pause of {pause} ms"
+            );
         }
     }
 }
@@ -508,7 +572,13 @@ fn a_pause_does_not_wind_it_up() {
 fn a_target_out_of_reach_for_long_is_forgotten_at_once() {
     let city = City::new();
     // For ten seconds nothing helps; then the machine is itself again.
-    let slower = |frame| if (100..700).contains(&frame) { 12.0 } else { 1.0 };
+    let slower = |frame| {
+        if (100..700).contains(&frame) {
+            12.0
+        } else {
+            1.0
+        }
+    };
     let plant = Plant {
         slower: Box::new(slower),
         ..Default::default()
@@ -539,7 +609,13 @@ fn knobs_move_cheapest_loss_first_and_come_back_in_reverse() {
     let city = City::new();
     // Slow for a while, so that contribution has to take much of the picture.
     let plant = Plant {
-        slower: Box::new(|frame| if (100..1500).contains(&frame) { 4.0 } else { 0.3 }),
+        slower: Box::new(|frame| {
+            if (100..1500).contains(&frame) {
+                4.0
+            } else {
+                0.3
+            }
+        }),
         noise: 0.01,
         knobs: Box::new(|knobs| {
             let of = |at: usize| [1.0, 0.85, 0.75][at];
@@ -547,12 +623,26 @@ fn knobs_move_cheapest_loss_first_and_come_back_in_reverse() {
         }),
         ..Default::default()
     };
-    let mut knobs = [dial("dear", [0.0003, 0.0006]), dial("cheap", [0.00002, 0.00008])];
+    let mut knobs = [
+        dial("dear", [0.0003, 0.0006]),
+        dial("cheap", [0.00002, 0.00008]),
+    ];
     let (rows, _) = run(&city, &plant, 40.0, 9_000, |_| 0.4, &mut knobs);
     let moves: Vec<_> = rows.iter().filter_map(|row| row.decision.moved).collect();
-    println!("loss {} {} {moves:?}", rows[110].decision.loss, rows[1400].decision.loss);
-    let taken: Vec<_> = moves.iter().filter(|m| m.to > m.from).map(|m| m.knob).collect();
-    let returned: Vec<_> = moves.iter().filter(|m| m.to < m.from).map(|m| m.knob).collect();
+    println!(
+        "loss {} {} {moves:?}",
+        rows[110].decision.loss, rows[1400].decision.loss
+    );
+    let taken: Vec<_> = moves
+        .iter()
+        .filter(|m| m.to > m.from)
+        .map(|m| m.knob)
+        .collect();
+    let returned: Vec<_> = moves
+        .iter()
+        .filter(|m| m.to < m.from)
+        .map(|m| m.knob)
+        .collect();
     assert_eq!(taken[..2], ["cheap", "cheap"], "the cheapest loss first");
     let reversed: Vec<_> = taken.iter().rev().copied().collect();
     assert_eq!(returned, reversed, "given back in reverse");
@@ -574,7 +664,10 @@ fn knobs_do_not_go_back_and_forth() {
             };
             let mut knobs = [dial("dial", [0.01, 0.03])];
             let (rows, _) = run(&city, &plant, 40.0, 4_000, |_| 0.4, &mut knobs);
-            let late = rows[2_000..].iter().filter(|row| row.decision.moved.is_some()).count();
+            let late = rows[2_000..]
+                .iter()
+                .filter(|row| row.decision.moved.is_some())
+                .count();
             assert!(late <= 1, "{late} moves after 2000 frames at {slower}");
         }
     }
@@ -589,7 +682,10 @@ fn a_knob_that_saves_nothing_is_given_back() {
     };
     let mut knobs = [dial("idle", [0.0, 0.0])];
     let (rows, _) = run(&city, &plant, 40.0, 600, |_| 0.4, &mut knobs);
-    let moves = rows.iter().filter(|row| row.decision.moved.is_some()).count();
+    let moves = rows
+        .iter()
+        .filter(|row| row.decision.moved.is_some())
+        .count();
     assert!((2..=4).contains(&moves), "{moves} moves");
     assert_eq!(knobs[0].at, 0);
 }
@@ -612,7 +708,10 @@ fn what_a_knob_saves_is_measured() {
         let expected = ms * (1.0 / left - 1.0);
         println!("saves {saved:.2} ms, truly {expected:.2} ms");
         // The median of 13 frames: a third of a frame's scatter, thrice.
-        assert!((saved - expected).abs() < ms * (0.01 + noise), "{saved} for {expected}");
+        assert!(
+            (saved - expected).abs() < ms * (0.01 + noise),
+            "{saved} for {expected}"
+        );
     }
 }
 
