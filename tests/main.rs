@@ -19,6 +19,12 @@ mod cli_occlusion;
 #[cfg(feature = "cli")]
 #[path = "it/cli_shadow.rs"]
 mod cli_shadow;
+#[cfg(feature = "cli")]
+#[path = "it/contribution.rs"]
+mod contribution;
+#[cfg(feature = "cli")]
+#[path = "it/contribution_app.rs"]
+mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
 #[path = "it/height_field.rs"]
