@@ -290,8 +290,13 @@ impl UpscalePipelines {
     }
 }
 
-fn any_asked_or_held(extracted: Res<ExtractedScales>, held: Query<(), With<OwnOverride>>) -> bool {
-    !extracted.cameras.is_empty() || !held.is_empty()
+/// A camera that was despawned leaves no override, but an upscaler; a lost device, overrides without upscalers.
+fn any_asked_or_held(
+    extracted: Res<ExtractedScales>,
+    upscalers: Res<Upscalers>,
+    held: Query<(), With<OwnOverride>>,
+) -> bool {
+    !(extracted.cameras.is_empty() && upscalers.cameras.is_empty() && held.is_empty())
 }
 
 fn any_scaled(upscalers: Res<Upscalers>) -> bool {

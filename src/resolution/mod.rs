@@ -9,7 +9,8 @@
 //! - No colour appears that its four nearest drawn pixels do not span, so bright edges neither ring nor turn black.
 //! - Pixels outside the camera's viewport stay as they were, and none of them is mixed into its picture.
 //! - Post-processing and user interfaces come after the stretch, at full resolution. On an `Hdr` camera the stretch is
-//!   before tonemapping; on others Bevy tonemaps in the main passes, so that it comes after, in linear light all the same.
+//!   before tonemapping; on others Bevy tonemaps in the main passes, so that it comes after; in linear light all the same, unless the
+//!   camera's `CompositingSpace` keeps its texture otherwise.
 //! - The scale may change every frame: nothing is allocated and no pipeline compiled for it.
 //! - At 1, or without the component, nothing runs and nothing is held: no override, no pipeline, no pass.
 //!
