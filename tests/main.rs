@@ -4,6 +4,13 @@
 #[path = "it/allocations.rs"]
 mod allocations;
 #[cfg(feature = "cli")]
+#[path = "it/budget_app.rs"]
+mod budget_app;
+#[path = "it/budget_controller.rs"]
+mod budget_controller;
+#[path = "it/budget_model.rs"]
+mod budget_model;
+#[cfg(feature = "cli")]
 #[path = "it/cli.rs"]
 mod cli;
 #[cfg(feature = "cli")]
@@ -12,6 +19,12 @@ mod cli_occlusion;
 #[cfg(feature = "cli")]
 #[path = "it/cli_shadow.rs"]
 mod cli_shadow;
+#[cfg(feature = "cli")]
+#[path = "it/contribution.rs"]
+mod contribution;
+#[cfg(feature = "cli")]
+#[path = "it/contribution_app.rs"]
+mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
 #[path = "it/height_field.rs"]
