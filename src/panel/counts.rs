@@ -36,6 +36,9 @@ pub struct MeshState<'a> {
     pub layers: Option<&'a RenderLayers>,
     /// Whether it has `NoCpuCulling`.
     pub no_cpu_culling: bool,
+    /// Whether it is one of those removed, which are counted already. Only of one that is hidden or on other layers
+    /// does it matter: what the GPU removes is known frames later.
+    pub removed: bool,
 }
 
 impl ReasonCounts {
@@ -57,6 +60,9 @@ impl ReasonCounts {
         };
         for mesh in meshes {
             counts.all += 1;
+            if mesh.removed {
+                continue;
+            }
             if !mesh.inherited_visible {
                 counts.hidden += 1;
             } else if !layers.intersects(mesh.layers.unwrap_or(&default_layers)) {
@@ -84,6 +90,7 @@ mod tests {
             inherited_visible,
             layers,
             no_cpu_culling,
+            removed: false,
         };
         let meshes = [
             mesh(true, None, false),
@@ -114,5 +121,12 @@ mod tests {
         let elsewhere = ReasonCounts::of(meshes.into_iter(), &other, 0, 0, 0);
         assert_eq!((elsewhere.layers, elsewhere.frustum), (6, 1));
         assert_eq!(elsewhere.all, 9);
+        // Removed a few frames ago, and hidden since.
+        let late = MeshState {
+            removed: true,
+            ..mesh(false, None, false)
+        };
+        let late = ReasonCounts::of([late].into_iter(), &other, 0, 1, 0);
+        assert_eq!((late.hidden, late.frustum, late.contribution), (0, 0, 1));
     }
 }

@@ -266,6 +266,7 @@ type CameraParts = (
 );
 
 type MeshParts = (
+    Entity,
     Option<&'static InheritedVisibility>,
     Option<&'static RenderLayers>,
     Has<NoCpuCulling>,
@@ -343,22 +344,34 @@ impl PanelData {
             if !view.is_active {
                 continue;
             }
-            let removed = |reason| {
-                culled.map_or(0, |culled| {
-                    culled.iter().filter(|(_, why)| *why == reason).count()
-                })
-            };
+            let list = visible.get(TypeId::of::<Mesh3d>());
+            let (mut small, mut occluded, mut listed) = (0, 0, 0);
+            for (entity, why) in culled.into_iter().flat_map(CulledEntities::iter) {
+                if !sources.meshes.contains(entity) {
+                    continue;
+                }
+                // What the GPU leaves out stays in the list.
+                listed += usize::from(list.binary_search(&entity).is_ok());
+                match why {
+                    CullReason::Contribution => small += 1,
+                    _ => occluded += 1,
+                }
+            }
+            let is_late = contribution.is_some_and(|counts| counts.on_gpu);
+            let is_removed =
+                |mesh| is_late && culled.is_some_and(|culled| culled.reason(mesh).is_some());
             let meshes = sources.meshes.iter();
             let counts = ReasonCounts::of(
-                meshes.map(|(inherited, layers, no_cpu_culling)| MeshState {
+                meshes.map(|(mesh, inherited, layers, no_cpu_culling)| MeshState {
                     inherited_visible: inherited.is_some_and(|inherited| inherited.get()),
                     layers,
                     no_cpu_culling,
+                    removed: is_removed(mesh),
                 }),
                 layers.unwrap_or(&default_layers),
-                visible.get(TypeId::of::<Mesh3d>()).len(),
-                removed(CullReason::Contribution),
-                removed(CullReason::Occluded),
+                list.len() - listed,
+                small,
+                occluded,
             );
             self.cameras.push(CameraRow {
                 camera,

@@ -17,7 +17,7 @@ use bevy_egui::{
     egui::{self, Event, Modifiers, PointerButton, RawInput},
 };
 use bevy_skyline::{
-    budget::BudgetStatus,
+    budget::{BudgetStatus, Knobs},
     offline::Offline,
     panel::{
         PanelCamera, PanelData, PanelPlugin, PanelRequest, SkylinePanel,
@@ -135,8 +135,17 @@ fn closed_it_holds_nothing_and_hears_nothing() {
 fn counts_are_those_that_the_game_is_told() {
     let Some(mut offline) = app() else { return };
     let target = offline.target(UVec2::new(160, 120));
-    let cameras = [RenderLayers::default(), RenderLayers::layer(2)].map(|layers| {
-        let culling = (ZBufferOcclusion::default(), ContributionCulling::default());
+    // One leaves small things out on the CPU, one on the GPU.
+    let views = [
+        (RenderLayers::default(), usize::MAX),
+        (RenderLayers::layer(2), 0),
+    ];
+    let cameras = views.map(|(layers, gpu_from)| {
+        let contribution = ContributionCulling {
+            gpu_from,
+            ..default()
+        };
+        let culling = (ZBufferOcclusion::default(), contribution);
         let place = Transform::from_xyz(0.0, 2.0, 20.0).looking_at(Vec3::Y, Vec3::Y);
         offline.camera(&target, (place, layers, culling, Msaa::Off))
     });
@@ -161,7 +170,7 @@ fn counts_are_those_that_the_game_is_told() {
         }
     }
     world.resource_mut::<SkylinePanel>().open = true;
-    let mut occluded = 0;
+    let (mut occluded, mut small) = (0, 0);
     for _ in 0..12 {
         offline.step();
         let world = offline.app.world_mut();
@@ -190,9 +199,55 @@ fn counts_are_those_that_the_game_is_told() {
             assert_eq!(row.counts, expected);
             assert!(expected.hidden > 0 && expected.layers > 0, "{expected:?}");
             occluded += expected.occluded;
+            small += expected.contribution;
         }
     }
-    assert!(occluded > 0, "nothing was ever hidden");
+    assert!(
+        occluded > 0 && small > 0,
+        "{occluded} hidden, {small} small"
+    );
+}
+
+#[test]
+fn a_knob_taken_by_hand_stays_so() {
+    let Some(mut offline) = app() else { return };
+    let target = offline.target(UVec2::new(64, 64));
+    let culling = (ZBufferOcclusion::default(), ContributionCulling::default());
+    offline.camera(&target, (FrameBudget::from_hz(60.0), culling, Msaa::Off));
+    offline.app.world_mut().resource_mut::<SkylinePanel>().open = true;
+    for _ in 0..4 {
+        offline.step();
+    }
+    let ask = |offline: &mut Offline, knob, step| {
+        let request = PanelRequest::SetManual { knob, step };
+        offline.app.world_mut().write_message(request);
+        offline.step();
+    };
+    let manual = |offline: &Offline, name: &str| {
+        let knob = offline.app.world().resource::<Knobs>().get(name);
+        knob.expect("it is registered").manual
+    };
+    let rows = &offline.app.world().resource::<PanelData>().knobs;
+    let knob = rows.first().expect("the scene has knobs").clone();
+    assert_eq!(knob.manual, None);
+    let last = knob.values.len() - 1;
+    ask(&mut offline, knob.name, Some(last));
+    assert_eq!(manual(&offline, knob.name), Some(last));
+    let rows = &offline.app.world().resource::<PanelData>().knobs;
+    assert_eq!(rows[0].manual, Some(last), "it shows at once");
+    // What there is not changes nothing.
+    ask(&mut offline, knob.name, Some(last + 1));
+    ask(&mut offline, "no_such_knob", Some(0));
+    assert_eq!(manual(&offline, knob.name), Some(last));
+    offline.app.world_mut().resource_mut::<SkylinePanel>().open = false;
+    for _ in 0..3 {
+        offline.step();
+    }
+    assert_eq!(manual(&offline, knob.name), Some(last), "closed");
+    offline.app.world_mut().resource_mut::<SkylinePanel>().open = true;
+    offline.step();
+    ask(&mut offline, knob.name, None);
+    assert_eq!(manual(&offline, knob.name), None);
 }
 
 #[test]

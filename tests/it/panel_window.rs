@@ -25,15 +25,17 @@ use bevy::{
         diagnostic::RenderDiagnosticsPlugin,
         view::screenshot::{Screenshot, ScreenshotCaptured},
     },
+    time::Real,
     window::PrimaryWindow,
     winit::{WinitPlugin, WinitSettings},
 };
 use bevy_skyline::{
+    budget::GivenFrameTimes,
     offline::scenes::{
         Look,
         city::{self, CitySize},
     },
-    panel::{PanelData, PanelPlugin, SkylinePanel},
+    panel::{PanelData, PanelPlugin, PanelRequest, SkylinePanel},
     prelude::*,
 };
 use image::RgbImage;
@@ -46,6 +48,8 @@ const CHILD: &str = "SKYLINE_PANEL_CHILD";
 const PICTURE: &str = "SKYLINE_PANEL_PNG";
 /// What the child does not take.
 const LONGEST: Duration = Duration::from_secs(240);
+/// The knob that is taken by hand; it changes no pixel.
+const KNOB: &str = "occlusion_volume";
 const SIZE: UVec2 = UVec2::new(960, 840);
 
 /// Ends with the test, whatever becomes of it.
@@ -140,6 +144,8 @@ struct Play {
     asked: bool,
     /// Frames before a picture.
     wait: u32,
+    /// Whether the budget works by the clock: for a picture that is looked at and not compared.
+    real_time: bool,
     seen: Arc<Mutex<Seen>>,
 }
 
@@ -150,6 +156,8 @@ struct Seen {
     width: f32,
     rows: usize,
     frames: usize,
+    /// Step of the knob that is taken by hand.
+    by_hand: Option<usize>,
     done: bool,
 }
 
@@ -185,10 +193,11 @@ fn in_the_window(picture: &str) {
         seen: seen.clone(),
         // A graph that is to be looked at has some bars.
         wait: if picture.is_empty() { 12 } else { 130 },
+        real_time: !picture.is_empty(),
         ..default()
     })
     .add_systems(Startup, scene)
-    .add_systems(Update, play);
+    .add_systems(Update, (play, give_time));
     assert_eq!(app.run(), AppExit::Success);
 
     let seen = seen.lock().unwrap();
@@ -202,6 +211,7 @@ fn in_the_window(picture: &str) {
     }
     assert!(seen.frames > 8, "{} frame times", seen.frames);
     assert_eq!(seen.rows, 5);
+    assert_eq!(seen.by_hand, Some(1));
     let left = SIZE.x - seen.width.ceil() as u32;
     assert!((200..SIZE.x - 300).contains(&left), "{left}");
     assert!(
@@ -224,6 +234,9 @@ fn in_the_window(picture: &str) {
         changed * 10 > of_panel * 9,
         "{changed} of {of_panel} pixels"
     );
+    if !picture.is_empty() {
+        return;
+    }
     assert_eq!(
         differing(closed, open, 0, left),
         0,
@@ -253,8 +266,17 @@ fn scene(world: &mut World) {
         },
         ZBufferOcclusion::default(),
         ContributionCulling::default(),
-        FrameBudget::from_hz(10.0),
+        FrameBudget {
+            clock: BudgetClock::Given,
+            ..FrameBudget::from_ms(120.0)
+        },
     ));
+}
+
+/// The same time every frame, so that the budget leaves the picture as it is.
+fn give_time(play: Res<Play>, time: Res<Time<Real>>, mut given: ResMut<GivenFrameTimes>) {
+    let ms = time.delta_secs() * 1e3;
+    given.last_ms = Some(if play.real_time { ms } else { 12.0 });
 }
 
 /// A picture of the window, once.
@@ -301,6 +323,8 @@ fn play(
             let seen = play.seen.clone();
             if let Some(data) = &data {
                 let mut seen = seen.lock().unwrap();
+                let knob = data.knobs.iter().find(|knob| knob.name == KNOB);
+                seen.by_hand = knob.and_then(|knob| knob.manual);
                 seen.width = panel.width;
                 seen.rows = data.effects.len();
                 seen.frames = data.frames.len();
@@ -310,10 +334,18 @@ fn play(
             false
         }
         0 | 2 | 4 => pictures > play.step / 2,
-        1 if !panel.open => {
+        // What the closed panel is asked it does not hear.
+        1 if panel.open => {
+            commands.write_message(PanelRequest::SetManual {
+                knob: KNOB,
+                step: Some(1),
+            });
+            true
+        }
+        1 => {
             press(&mut keys, *window);
             panel.results = Some(RESULTS.into());
-            true
+            false
         }
         3 => {
             press(&mut keys, *window);
