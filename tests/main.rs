@@ -12,6 +12,9 @@ mod cli_occlusion;
 #[cfg(feature = "cli")]
 #[path = "it/cli_shadow.rs"]
 mod cli_shadow;
+#[cfg(feature = "cli")]
+#[path = "it/cli_workload.rs"]
+mod cli_workload;
 #[path = "it/data.rs"]
 mod data;
 #[path = "it/height_field.rs"]
@@ -65,6 +68,9 @@ mod terrain_shadow_app;
 mod terrain_shadow_twin;
 #[path = "it/twin.rs"]
 mod twin;
+#[cfg(feature = "cli")]
+#[path = "it/workload.rs"]
+mod workload;
 
 /// A headless app, or `None` with the reason printed where this machine has no device at all.
 #[cfg(feature = "cli")]
