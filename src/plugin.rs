@@ -5,7 +5,7 @@
 //! | [`EffectsPlugin`] | – | the [`Effects`] resource | – |
 //! | [`TerrainPlugin`] | [`Terrain`](crate::terrain::Terrain), [`TerrainRayCasting`](crate::terrain::TerrainRayCasting) | `report_terrain` in `Last` | see [`render_graph`] |
 //! | the same | [`TerrainShadow`](crate::terrain_shadow::TerrainShadow), [`ExactLight`](crate::terrain_shadow::ExactLight) | `report_terrain_shadow` in `Last` | see [`render_graph::terrain_shadow`] |
-//! | [`ContributionPlugin`] | [`ContributionCulling`](crate::contribution::ContributionCulling), [`NoContributionCulling`](crate::contribution::NoContributionCulling) | `measure_areas`, `cull_small`, `forget_small` in `PostUpdate`, in [`CullSteps::Contribution`](crate::culling::CullSteps); `report_contribution` in `Last` | – |
+//! | [`ContributionPlugin`] | [`ContributionCulling`](crate::contribution::ContributionCulling), [`NoContributionCulling`](crate::contribution::NoContributionCulling) | `measure_areas`, `cull_small`, `fade_small`, `forget_small` in `PostUpdate`, in [`CullSteps::Contribution`](crate::culling::CullSteps); `report_contribution` in `Last` | see [`render_graph::contribution`] |
 //! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `cull_occluded`, `forget_occluded` in `PostUpdate`, in [`CullSteps::Occlusion`](crate::culling::CullSteps); `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
 //! | both | – | `build_mesh_volumes`, `update_candidates` in `PostUpdate`, in [`CullSteps::Candidates`](crate::culling::CullSteps) after `CheckVisibility` | – |
 //! | [`BudgetPlugin`] | [`FrameBudget`](crate::budget::FrameBudget) | see [`budget`] | – |
@@ -19,7 +19,9 @@ use crate::{
     budget, contribution,
     effects::Effects,
     occlusion,
-    render_graph::{self, occlusion::OcclusionStats, stats::TerrainStats},
+    render_graph::{
+        self, contribution::ContributionStats, occlusion::OcclusionStats, stats::TerrainStats,
+    },
     systems, terrain, terrain_shadow,
 };
 
@@ -95,11 +97,18 @@ impl Plugin for ContributionPlugin {
         if !app.is_plugin_added::<EffectsPlugin>() {
             app.add_plugins(EffectsPlugin);
         }
+        if !app.is_plugin_added::<TerrainPlugin>() && !app.is_plugin_added::<OcclusionPlugin>() {
+            render_graph::embed_shaders(app);
+        }
         contribution::register(app);
-        app.add_systems(
+        app.init_resource::<ContributionStats>().add_systems(
             Last,
             systems::contribution::report_contribution.in_set(ReportSystems),
         );
+    }
+
+    fn finish(&self, app: &mut App) {
+        render_graph::contribution::add_contribution_passes(app);
     }
 }
 
@@ -123,7 +132,7 @@ impl Plugin for OcclusionPlugin {
         if !app.is_plugin_added::<EffectsPlugin>() {
             app.add_plugins(EffectsPlugin);
         }
-        if !app.is_plugin_added::<TerrainPlugin>() {
+        if !app.is_plugin_added::<TerrainPlugin>() && !app.is_plugin_added::<ContributionPlugin>() {
             render_graph::embed_shaders(app);
         }
         occlusion::register(app);

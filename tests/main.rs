@@ -15,6 +15,11 @@ mod cli_shadow;
 #[cfg(feature = "cli")]
 #[path = "it/cli_workload.rs"]
 mod cli_workload;
+#[path = "it/contribution.rs"]
+mod contribution;
+#[cfg(feature = "cli")]
+#[path = "it/contribution_app.rs"]
+mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
 #[path = "it/height_field.rs"]

@@ -2,6 +2,9 @@
 //
 // One invocation a mesh instance of the late view, as Bevy's `mesh_preprocess.wgsl` has for its views; what is
 // written is the same, but the instances that the recheck found hidden are left out.
+//
+// Contribution culling does the same with the instances of the camera's own view, after `forget_draws`, with the bits
+// of those that are too small.
 
 #import bevy_pbr::mesh_preprocess_types::{
     IndirectParametersCpuMetadata, IndirectParametersGpuMetadata, MeshInput, PreprocessWorkItem,
@@ -27,6 +30,15 @@ const NO_SLOT: u32 = 0xffffffffu;
 @group(0) @binding(6) var<storage, read_write> output: array<Mesh>;
 @group(0) @binding(7) var<storage, read> cpu_metadata: array<IndirectParametersCpuMetadata>;
 @group(0) @binding(8) var<storage, read_write> gpu_metadata: array<IndirectParametersGpuMetadata>;
+
+/// Forgets the instances that draws have had so far. Once for each mesh instance, all of a draw's alike.
+@compute @workgroup_size(64)
+fn forget_draws(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < arrayLength(&work_items) {
+        let draw = work_items[id.x].output_or_indirect_parameters_index;
+        atomicStore(&gpu_metadata[draw].early_instance_count, 0u);
+    }
+}
 
 @compute @workgroup_size(64)
 fn late_draws(@builtin(global_invocation_id) id: vec3<u32>) {

@@ -6,7 +6,7 @@
 //
 // P2, sections 3.2 and 4.3.
 
-#import bevy_skyline::occludee::{VERDICT_HIDDEN, VERDICT_VISIBLE, box_verdict, clip_frame, proxy_verdict}
+#import bevy_skyline::occludee::{VERDICT_HIDDEN, VERDICT_VISIBLE, box_verdict, occludee_frame, proxy_verdict}
 
 /// Mirrors `GpuOccludee`.
 struct Occludee {
@@ -43,7 +43,7 @@ fn occludee_verdicts(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 #endif
     let occludee = occludees[id.x];
-    let frame = clip_frame(occludee.world_from_local);
+    let frame = occludee_frame(occludee.world_from_local);
     var verdict = box_verdict(frame, occludee.centre, occludee.axis_0, occludee.axis_1, occludee.axis_2);
     if verdict == VERDICT_VISIBLE && occludee.triangle_count > 0u {
         verdict = proxy_verdict(frame, occludee.first_triangle, occludee.triangle_count);

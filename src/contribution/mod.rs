@@ -1,19 +1,45 @@
 //! Contribution culling (P4): what covers too little of the picture is not drawn.
 //!
+//! # Guarantee
 //! An object's area is that of the smallest rectangle around its projected bound, in pixels, cut to the viewport and
 //! at the near plane ([`area`]). It is never below what the object covers; what cannot be calculated with is infinite
-//! and stays. An object leaves when its area falls below the threshold and comes back when it exceeds the threshold
-//! by the hysteresis, so that nothing flickers. Nothing but the camera's own picture changes: shadows stay, other
-//! cameras keep what they see.
+//! and stays. An object leaves when its area falls below the threshold and comes back when it reaches the threshold
+//! times the hysteresis, so that nothing flickers. Nothing but the camera's own picture changes: shadows stay, other
+//! cameras keep what they see, and what is left keeps its order.
+//!
+//! # What the depth buffer shows of it
+//! Where [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) works on the same camera, an area counts only as far
+//! as it lies open in the newest depth that has come back from the GPU: the share of the rectangle, seen from the camera
+//! that drew that depth, where nothing nearer was drawn. That depth is some frames old. What comes out from behind
+//! something is therefore weighed by less than it shows for as many frames; it counts with at least 1/16 of its area, so
+//! that whatever covers 16 times the threshold is always drawn. So the weighed threshold bounds what is seen of an object
+//! that is left out only where camera and scene are at rest; the bound that always holds is 16 times the threshold.
+//! Without [`weigh_by_visibility`](ContributionCulling::weigh_by_visibility) it is the threshold itself.
+//!
+//! # On the GPU
+//! From [`gpu_from`](ContributionCulling::gpu_from) entities in view on, a pass measures the same areas by the same
+//! arithmetic and takes what is too small out of the camera's draws in the same frame
+//! ([`render_graph::contribution`](crate::render_graph::contribution)). The entities stay in `VisibleEntities`;
+//! [`CulledEntities`] and the counts say some frames late which were left out. The CPU measures all the same where the
+//! camera has a [`FrameBudget`](crate::budget::FrameBudget), [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion),
+//! Bevy's `OcclusionCulling`, `NoIndirectDrawing` or [`Exit::Dithered`], where anything in the scene has `NoCpuCulling`,
+//! and where the GPU cannot draw indirectly.
 
 pub mod area;
+pub mod fade;
 
 use bevy::{diagnostic::RegisterDiagnostic, prelude::*};
 
 use crate::{
     culling::{self, CullSteps, CulledEntities, bits::Bits},
-    systems::contribution as systems,
+    occlusion::camera::Mailbox,
+    systems::{
+        contribution as systems,
+        contribution_fade::{fade_small, take_ranges_back},
+    },
 };
+use area::AreaView;
+use fade::Fades;
 
 /// On a camera: what covers fewer square pixels than this is not drawn.
 ///
@@ -24,14 +50,14 @@ use crate::{
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(ContributionCamera, CulledEntities, ContributionCounts)]
 pub struct ContributionCulling {
-    /// What covers less is not drawn. 0 draws all. units: px², default: 16
+    /// What covers less is not drawn. 0, and what is no number, draws all. units: px², range: 0.., default: 16
     pub threshold_px2: f32,
-    /// How many times the threshold it takes to come back. range: 1.., default: 1.25
+    /// How many times the threshold it takes to come back; what is out of range counts as 1. range: 1.., default: 1.25
     pub hysteresis: f32,
     /// How an object leaves and comes back.
     pub exit: Exit,
     /// Whether an object's area counts only as far as the depth buffer shows it, where
-    /// [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) works on the same camera.
+    /// [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) works on the same camera. default: true
     pub weigh_by_visibility: bool,
     /// From so many candidates in view on, areas are compared by the GPU. The verdicts are the same. default: 50,000
     pub gpu_from: usize,
@@ -56,9 +82,12 @@ pub enum Exit {
     /// From one frame to the next.
     #[default]
     Cut,
-    /// Dithered, pixel by pixel.
+    /// Dithered, pixel by pixel, in 16 steps; with Bevy's own dither, so that materials stay as they are. For that the
+    /// entity has a `VisibilityRange` for as long as it takes, and its shadow is dithered with it: once the entity has
+    /// gone its shadow is whole again. Entities that came into view only this frame, that have a `VisibilityRange` of
+    /// their own, or that another active camera sees are cut.
     Dithered {
-        /// How long it takes. units: s
+        /// How long it takes. units: s, range: above 0; else it is a cut
         seconds: f32,
     },
 }
@@ -91,13 +120,32 @@ pub struct ContributionCounts {
 /// What a camera with [`ContributionCulling`] keeps from frame to frame. By slots of
 /// [`Candidates`](crate::culling::candidates::Candidates).
 #[derive(Component, Default)]
+#[component(on_remove = take_ranges_back)]
 pub struct ContributionCamera {
-    /// Removed in the last frame.
+    /// Too small when last looked at.
     pub(crate) removed: Bits,
-    /// Area of each entity in `VisibleEntities`, in its order; infinite for what is no candidate. units: px²
+    /// Area of each entity in `VisibleEntities`, in its order; infinite for what is no candidate, and for all where the
+    /// GPU measures. units: px²
     pub(crate) areas: Vec<f32>,
+    /// Slot of each entity in `VisibleEntities`, in its order; `NO_SLOT` for what is no candidate.
+    pub(crate) slots: Vec<u32>,
     /// What a [`FrameBudget`](crate::budget::FrameBudget) demands. units: px²
     pub(crate) demanded_px2: f32,
+    /// Which table slots are of.
+    pub(crate) epoch: u32,
+    /// In view last frame and this frame, where objects fade.
+    pub(crate) in_view: Bits,
+    pub(crate) in_view_now: Bits,
+    /// What comes and goes.
+    pub(crate) fades: Fades,
+    /// The view, where the GPU measures this frame.
+    pub(crate) gpu: Option<AreaView>,
+    /// Slots that it is to measure.
+    pub(crate) asked: Bits,
+    /// Below which area an object leaves, and from which on it comes back, for the GPU. units: px²
+    pub(crate) thresholds: (f32, f32),
+    /// Where its verdicts come back.
+    pub(crate) mailbox: Mailbox,
 }
 
 /// Registers types and main-world systems.
@@ -106,6 +154,7 @@ pub(crate) fn register(app: &mut App) {
     app.register_type::<ContributionCulling>()
         .register_type::<NoContributionCulling>()
         .register_type::<ContributionCounts>()
+        .init_resource::<systems::ContributionDiagnosticPaths>()
         .configure_sets(
             PostUpdate,
             (
@@ -120,7 +169,7 @@ pub(crate) fn register(app: &mut App) {
             PostUpdate,
             (
                 systems::measure_areas.in_set(ContributionSteps::Measure),
-                (systems::cull_small, systems::forget_small)
+                (systems::cull_small, fade_small, systems::forget_small)
                     .chain()
                     .in_set(ContributionSteps::Remove),
             ),

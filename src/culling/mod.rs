@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`candidates`] | one slot for each entity that can be removed, kept up by change |
 //! | [`volume`] | the box that encloses it |
+//! | [`clip`] | that box in clip space, and how far rounding may put it off |
 //! | [`groups`] | boxes around what hangs together by `ChildOf` |
 //! | [`culled`] | which entities a camera removed, and why |
 //! | [`query`] | the same as a system parameter |
@@ -14,6 +15,7 @@
 
 pub mod bits;
 pub mod candidates;
+pub mod clip;
 pub mod culled;
 pub mod groups;
 pub mod query;

@@ -50,20 +50,23 @@ pub struct Culling<'w, 's> {
 impl Culling<'_, '_> {
     /// Whether an active camera has a mesh among its visible entities.
     pub fn is_seen(&self, mesh: Entity) -> bool {
-        self.cameras
-            .iter()
-            .any(|(camera, visible, ..)| camera.is_active && is_visible(visible, mesh))
+        self.cameras.iter().any(|(camera, visible, culled, _)| {
+            camera.is_active
+                && is_visible(visible, mesh)
+                // What the GPU leaves out stays in the list.
+                && culled.is_none_or(|culled| culled.reason(mesh).is_none())
+        })
     }
 
     /// Why a camera does not see a mesh; `None` if it does, if it is no camera, or if the entity is gone.
     pub fn reason(&self, camera: Entity, mesh: Entity) -> Option<CullReason> {
         let (_, visible, culled, layers) = self.cameras.get(camera).ok()?;
         let (inherited, own_layers) = self.entities.get(mesh).ok()?;
-        if is_visible(visible, mesh) {
-            return None;
-        }
         if let Some(reason) = culled.and_then(|culled| culled.reason(mesh)) {
             return Some(reason);
+        }
+        if is_visible(visible, mesh) {
+            return None;
         }
         if inherited.is_none_or(|inherited| !inherited.get()) {
             return Some(CullReason::Hidden);

@@ -45,22 +45,19 @@ use bevy::{
 };
 
 use super::depth::{DepthLevel, ReducedDepth};
-use crate::culling::volume::{LocalBox, Proxy, SweptTriangle};
+use crate::culling::{
+    clip::{ClipFrame, ClipView, PIXEL_ERROR, Quotients, is_calculable, point},
+    volume::{LocalBox, Proxy, SweptTriangle},
+};
 
-/// Error of a clip coordinate relative to the magnitudes it is the sum of: 64u.
-pub const CLIP_ERROR: f32 = 1.0 / (1 << 18) as f32;
-/// What is smaller may have been lost to underflow.
-pub const CLIP_TINY: f32 = 1e-18;
-/// Magnitudes of clip coordinates from here on are not calculated with; the verdict is [`Verdict::Visible`].
-pub const CLIP_HUGE: f32 = 1e18;
 /// A rasteriser's grid, and more. units: px
 pub const SNAP_PX: f32 = 1.0 / 64.0;
-/// Error of a pixel coordinate relative to the viewport's side: 32u.
-pub const PIXEL_ERROR: f32 = 1.0 / (1 << 19) as f32;
 /// What depths are multiplied by: 1 + 32u.
 pub const DEPTH_GUARD: f32 = 1.0 + 1.0 / (1 << 19) as f32;
 /// Most texels that a test of one rectangle reads; one that would need more is [`Verdict::Visible`].
 pub const MOST_STEPS: u32 = 32_768;
+/// Most texels along a side that [`DepthTest::visible_share`] looks at.
+const SHARE_TEXELS: u32 = 9;
 
 /// What a test comes to.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -100,8 +97,7 @@ pub fn verdict(
 /// A reduced depth, prepared for many tests.
 #[derive(Clone, Debug)]
 pub struct DepthTest<'a> {
-    columns: [Vec4; 4],
-    magnitudes: [Vec4; 4],
+    clip: ClipView,
     half_size: Vec2,
     margin: Vec2,
     viewport: Vec2,
@@ -109,19 +105,6 @@ pub struct DepthTest<'a> {
     strided: bool,
     levels: &'a [DepthLevel],
     texels: &'a [f32],
-}
-
-/// C·M, and the sums of magnitudes that its elements are made of.
-struct ClipFrame {
-    columns: [Vec4; 4],
-    magnitudes: [Vec4; 4],
-}
-
-/// The bounds of some corners' quotients.
-struct Quotients {
-    lo: Vec4,
-    hi: Vec4,
-    w_min: f32,
 }
 
 /// What pixels a volume may cover, and how near.
@@ -137,60 +120,11 @@ enum Footprint {
     },
 }
 
-/// `columns` times (`v`, 0).
-#[inline]
-fn way(columns: &[Vec4; 4], v: Vec3A) -> Vec4 {
-    columns[0] * v.x + columns[1] * v.y + columns[2] * v.z
-}
-
-/// `columns` times (`v`, 1).
-#[inline]
-fn point(columns: &[Vec4; 4], v: Vec3A) -> Vec4 {
-    columns[0] * v.x + columns[1] * v.y + columns[2] * v.z + columns[3]
-}
-
-/// Whether all are finite, not negative and below [`CLIP_HUGE`]. By their bits, as on the GPU.
-#[inline]
-fn is_calculable(magnitudes: Vec4) -> bool {
-    let huge = CLIP_HUGE.to_bits();
-    let [x, y, z, w] = magnitudes.to_array().map(f32::to_bits);
-    x < huge && y < huge && z < huge && w < huge
-}
-
-impl ClipFrame {
-    /// How far off clip coordinates of points may be whose local coordinates are at most `magnitude`; `None` if they
-    /// cannot be calculated with.
-    #[inline]
-    fn slack(&self, magnitude: Vec3A) -> Option<Vec4> {
-        let q = point(&self.magnitudes, magnitude);
-        is_calculable(q).then(|| q * CLIP_ERROR + Vec4::splat(CLIP_TINY))
-    }
-
-    /// How far clip coordinates reach within one unit around a local point.
-    fn reach(&self) -> Vec4 {
-        let [a, b, c, _] = self.columns;
-        let squares = a * a + b * b + c * c + Vec4::splat(1e-36);
-        Vec4::from_array(squares.to_array().map(f32::sqrt))
-    }
-}
-
-impl Quotients {
-    /// Corners with w ≤ 0 make `lo` and `hi` meaningless, though not infinite; `w_min` tells.
-    #[inline]
-    fn of(corners: &[Vec4]) -> Self {
-        let mut all = Self {
-            lo: Vec4::MAX,
-            hi: Vec4::MIN,
-            w_min: f32::MAX,
-        };
-        for &corner in corners {
-            let q = corner * (1.0 / corner.w.max(CLIP_TINY));
-            all.lo = all.lo.min(q);
-            all.hi = all.hi.max(q);
-            all.w_min = all.w_min.min(corner.w);
-        }
-        all
-    }
+/// How far clip coordinates reach within one unit around a local point.
+fn reach(frame: &ClipFrame) -> Vec4 {
+    let [a, b, c, _] = frame.columns;
+    let squares = a * a + b * b + c * c + Vec4::splat(1e-36);
+    Vec4::from_array(squares.to_array().map(f32::sqrt))
 }
 
 /// Whether all corners lie on the outer side of one of the clip volume's planes, by more than the slack.
@@ -211,16 +145,13 @@ fn is_off(corners: &[Vec4], slack: Vec4) -> bool {
 impl<'a> DepthTest<'a> {
     /// Prepares. Depth whose sizes do not [fit together](ReducedDepth::is_consistent) hides nothing.
     pub fn new(depth: &'a ReducedDepth) -> Self {
-        let clip = depth.clip_from_world;
-        let columns = [clip.x_axis, clip.y_axis, clip.z_axis, clip.w_axis];
         let levels: &[DepthLevel] = if depth.is_consistent() {
             &depth.levels
         } else {
             &[]
         };
         Self {
-            columns,
-            magnitudes: columns.map(Vec4::abs),
+            clip: ClipView::new(depth.clip_from_world),
             half_size: depth.viewport * 0.5,
             margin: depth.viewport * PIXEL_ERROR + Vec2::splat(SNAP_PX),
             viewport: depth.viewport,
@@ -240,7 +171,7 @@ impl<'a> DepthTest<'a> {
     ///
     /// # Inputs
     /// Box and proxy in local space, each enclosing the object. Anything that is not finite, or larger than
-    /// [`CLIP_HUGE`] in clip space, is `Visible`; so is what touches the near plane.
+    /// [`CLIP_HUGE`](crate::culling::clip::CLIP_HUGE) in clip space, is `Visible`; so is what touches the near plane.
     ///
     /// # Limits
     /// A triangle so thin that the driver's depth interpolation leaves the range of its corners by more than 12u is
@@ -254,7 +185,7 @@ impl<'a> DepthTest<'a> {
         if self.levels.is_empty() {
             return Verdict::Visible;
         }
-        let frame = self.frame(world_from_local);
+        let frame = self.clip.frame(world_from_local);
         let verdict = self.box_verdict(&frame, volume);
         match proxy {
             Some(proxy) if verdict == Verdict::Visible && !proxy.triangles.is_empty() => {
@@ -265,55 +196,51 @@ impl<'a> DepthTest<'a> {
     }
 
     #[inline]
-    fn frame(&self, world_from_local: &Affine3A) -> ClipFrame {
-        let linear = &world_from_local.matrix3;
-        let translation = world_from_local.translation;
-        ClipFrame {
-            columns: [
-                way(&self.columns, linear.x_axis),
-                way(&self.columns, linear.y_axis),
-                way(&self.columns, linear.z_axis),
-                point(&self.columns, translation),
-            ],
-            magnitudes: [
-                way(&self.magnitudes, linear.x_axis.abs()),
-                way(&self.magnitudes, linear.y_axis.abs()),
-                way(&self.magnitudes, linear.z_axis.abs()),
-                point(&self.magnitudes, translation.abs()),
-            ],
+    fn box_verdict(&self, frame: &ClipFrame, volume: &LocalBox) -> Verdict {
+        match frame.corners(volume) {
+            Some((corners, slack)) => self.hull_verdict(&corners, slack),
+            None => Verdict::Visible,
         }
     }
 
-    #[inline]
-    fn box_verdict(&self, frame: &ClipFrame, volume: &LocalBox) -> Verdict {
-        let centre = Vec3A::from(volume.centre);
-        let axes = volume.axes.map(Vec3A::from);
-        let magnitude = centre.abs() + axes[0].abs() + axes[1].abs() + axes[2].abs();
-        let Some(slack) = frame.slack(magnitude) else {
-            return Verdict::Visible;
+    /// Which share of the rectangle that a box projects to is not nearer in this depth than the box's nearest point; 1
+    /// where that cannot be told: outside the view, at the near plane, or where the box cannot be calculated with.
+    ///
+    /// Looked up in the finest level where the rectangle has at most 9 × 9 texels. A texel is open if the farthest of
+    /// what it stands for is not nearer, so that the share is too large rather than too small.
+    /// range: 0..=1
+    pub fn visible_share(&self, world_from_local: &Affine3A, volume: &LocalBox) -> f32 {
+        let frame = self.clip.frame(world_from_local);
+        let (false, Some((corners, slack))) = (self.levels.is_empty(), frame.corners(volume))
+        else {
+            return 1.0;
         };
-        let centre = point(&frame.columns, centre);
-        let [a, b, c] = axes.map(|axis| way(&frame.columns, axis));
-        let (low, high) = (centre - a, centre + a);
-        let (low_low, low_high, high_low, high_high) = (low - b, low + b, high - b, high + b);
-        self.hull_verdict(
-            &[
-                low_low - c,
-                low_low + c,
-                low_high - c,
-                low_high + c,
-                high_low - c,
-                high_low + c,
-                high_high - c,
-                high_high + c,
-            ],
-            slack,
-        )
+        let Footprint::Pixels {
+            first,
+            last,
+            nearest,
+        } = self.footprint(&Quotients::of(&corners), slack)
+        else {
+            return 1.0;
+        };
+        let (mut first, mut last) = (first / self.block, last / self.block);
+        let mut level = 0;
+        while (last - first).max_element() >= SHARE_TEXELS {
+            (first, last, level) = (first / 2, last / 2, level + 1);
+        }
+        let mut open = 0;
+        for y in first.y..=last.y {
+            for x in first.x..=last.x {
+                open += u32::from(!self.hides(level, x, y, nearest));
+            }
+        }
+        let all = (last - first + 1).element_product();
+        open as f32 / all as f32
     }
 
     /// `Outside` if all triangles are, `Visible` if any is.
     fn proxy_verdict(&self, frame: &ClipFrame, triangles: &[SweptTriangle]) -> Verdict {
-        let reach = frame.reach();
+        let reach = reach(frame);
         let mut all = Verdict::Outside;
         for triangle in triangles {
             let [a, b, c] = triangle.corners.map(Vec3A::from);
@@ -353,18 +280,15 @@ impl<'a> DepthTest<'a> {
 
     #[inline]
     fn footprint(&self, quotients: &Quotients, slack: Vec4) -> Footprint {
-        let Quotients { lo, hi, w_min } = *quotients;
-        if w_min <= 2.0 * slack.w {
+        let Some((lo, hi)) = quotients.grown(slack) else {
             return Footprint::Near;
-        }
-        let per_w = 1.0 / (w_min - slack.w);
-        let grow = (lo.abs().max(hi.abs()) * slack.w + slack) * per_w;
-        let nearest = (hi.z + grow.z) * DEPTH_GUARD;
+        };
+        let nearest = hi.z * DEPTH_GUARD;
         if nearest >= 1.0 {
             return Footprint::Near;
         }
-        let lo = (lo - grow).clamp(Vec4::splat(-2.0), Vec4::splat(2.0));
-        let hi = (hi + grow).clamp(Vec4::splat(-2.0), Vec4::splat(2.0));
+        let lo = lo.clamp(Vec4::splat(-2.0), Vec4::splat(2.0));
+        let hi = hi.clamp(Vec4::splat(-2.0), Vec4::splat(2.0));
         let min = Vec2::new(1.0 + lo.x, 1.0 - hi.y) * self.half_size - self.margin;
         let max = Vec2::new(1.0 + hi.x, 1.0 - lo.y) * self.half_size + self.margin;
         let Vec2 {

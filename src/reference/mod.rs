@@ -2,6 +2,7 @@
 //! No Bevy render types here.
 
 pub mod cell;
+pub mod contribution;
 pub mod guard;
 pub mod occlusion;
 mod outcome;

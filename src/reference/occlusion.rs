@@ -26,10 +26,13 @@ use bevy::{
 
 use super::outcome::outcome;
 use crate::{
-    culling::volume::{LocalBox, Proxy, SweptTriangle},
+    culling::{
+        clip::{CLIP_HUGE, CLIP_TINY},
+        volume::{LocalBox, Proxy, SweptTriangle},
+    },
     occlusion::{
         depth::ReducedDepth,
-        verdict::{CLIP_HUGE, CLIP_TINY, SNAP_PX, Verdict},
+        verdict::{SNAP_PX, Verdict},
     },
     terrain::view_rays::UNIT_ROUNDOFF,
 };

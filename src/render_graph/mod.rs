@@ -13,6 +13,10 @@
 //! | `cast_terrain` | `Core3d`, `Prepass` | `early_prepass` | `early_downsample_depth`, `late_prepass` | rays stop at meshes; terrain is in Bevy's depth pyramid |
 //! | `terrain_cascade` | `Core3d`, `Prepass` | `per_view_shadow_pass` (early) | `early_downsample_depth`, `per_view_shadow_pass` (late), `MainPass` | terrain is among the casters that occlusion culling of lights and shading read |
 //! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
+//! | `extract_contribution` | `ExtractSchedule` | – | – | takes over what each camera whose areas the GPU measures has in view, and what changed in the table of candidates |
+//! | `prepare_contribution` | `Render`, `PrepareResources` | – | – | uploads both; which mesh input is which candidate |
+//! | `prepare_contribution_bind_groups` | `Render`, `PrepareBindGroups` | – | – | batches, whose instances are written again, are built by then |
+//! | `contribution` | `Core3d` | `early_gpu_preprocess` | `early_prepass_build_indirect_parameters` | takes what is too small out of the camera's instances before their number is taken for the draws |
 //! | `extract_occlusion` | `ExtractSchedule` | – | – | takes over what each camera has removed and wants tested, and where occludees stand |
 //! | `prepare_late_views` | `Render`, `PrepareAssets` | `check_views_need_specialization`, `check_prepass_views_need_specialization` | `collect_visible_cpu_culled_entities` | hands the camera's keys on to its late view; what came into that view is found as for any |
 //! | `make_depth_readable` | `Render`, `PrepareViews` | – | – | depth textures are made in `PrepareResources`, with the usages asked for by then |
@@ -27,11 +31,13 @@
 //! `cast_terrain` is `subdivide`, `box_entry`, `beam`, `ray_cast` for each terrain, then `terrain_depth` for all.
 //! `terrain_cascade` is `terrain_cascade_cast` and `terrain_cascade_erode` for each cascade that needs it, then the
 //! depth of each.
+//! `contribution` is the dispatch of that name, then `forget_draws` and `late_draws` over the camera's own instances.
 //! `recheck` is `depth_reduce`, `occludee_verdicts`, `late_draws`, then the copies that are read back; a camera has
 //! one of the two, by whether it draws into its depth before the main pass. `late_opaque` also draws, in the main
 //! pass, what `late_view_prepass` drew in the prepass.
 
 pub mod cascades;
+pub mod contribution;
 pub mod extract;
 pub mod height_mips;
 pub mod occludee_verdicts;

@@ -22,7 +22,10 @@ pub fn embed(app: &mut App) {
     load_shader_library!(app, "../../assets/shaders/light_rays.wgsl");
     load_shader_library!(app, "../../assets/shaders/visibility.wgsl");
     load_shader_library!(app, "../../assets/shaders/terrain_lighting.wgsl");
+    load_shader_library!(app, "../../assets/shaders/clip.wgsl");
     load_shader_library!(app, "../../assets/shaders/occludee.wgsl");
+    load_shader_library!(app, "../../assets/shaders/contribution_area.wgsl");
+    embedded_asset!(app, "../../assets/shaders/contribution.wgsl");
     embedded_asset!(app, "../../assets/shaders/depth_reduce.wgsl");
     embedded_asset!(app, "../../assets/shaders/late_draws.wgsl");
     embedded_asset!(app, "../../assets/shaders/height_mips.wgsl");
@@ -98,4 +101,9 @@ pub fn late_draws(assets: &AssetServer) -> Handle<Shader> {
 /// The one entry point that needs no terrain.
 pub fn occludee_verdicts(assets: &AssetServer) -> Handle<Shader> {
     load_embedded_asset!(assets, "../../assets/shaders/occludee_verdicts.wgsl")
+}
+
+/// `contribution.wgsl`.
+pub fn contribution(assets: &AssetServer) -> Handle<Shader> {
+    load_embedded_asset!(assets, "../../assets/shaders/contribution.wgsl")
 }

@@ -2,6 +2,7 @@
 
 pub mod candidates;
 pub mod contribution;
+pub mod contribution_fade;
 pub mod occlusion;
 pub mod terrain;
 pub mod terrain_shadow;

@@ -11,6 +11,7 @@ use bevy::{
 };
 
 use crate::{
+    contribution::ContributionCulling,
     culling::{CulledEntities, candidates::Candidates},
     effects::{Effect, EffectState, Effects},
     occlusion::{
@@ -348,13 +349,21 @@ impl Descent<'_> {
 pub fn forget_occluded(
     mut removed: RemovedComponents<ZBufferOcclusion>,
     mut commands: Commands,
-    cameras: Query<(), Without<ZBufferOcclusion>>,
+    mut cameras: Query<
+        (Option<&mut CulledEntities>, Has<ContributionCulling>),
+        Without<ZBufferOcclusion>,
+    >,
 ) {
     for camera in removed.read() {
-        if cameras.contains(camera) {
-            commands
-                .entity(camera)
-                .remove::<(OcclusionCamera, CulledEntities, OcclusionCounts)>();
+        if let Ok((culled, weighs)) = cameras.get_mut(camera) {
+            if let Some(mut culled) = culled {
+                culled.occluded = Vec::new();
+            }
+            let mut entity = commands.entity(camera);
+            entity.remove::<(OcclusionCamera, OcclusionCounts)>();
+            if !weighs {
+                entity.remove::<CulledEntities>();
+            }
         }
     }
 }

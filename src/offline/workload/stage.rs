@@ -144,6 +144,8 @@ impl WorkloadStage {
             exit: Exit::Cut,
             // There is no depth to weigh by: occlusion culling is off.
             weigh_by_visibility: false,
+            // What the GPU leaves out could not be counted in the same frame.
+            gpu_from: usize::MAX,
             ..default()
         };
         match *policy {
@@ -245,9 +247,11 @@ impl WorkloadStage {
         let camera = world.get::<Camera>(self.camera);
         let place = world.get::<GlobalTransform>(self.camera);
         let eye = place.map_or(Vec3::ZERO, GlobalTransform::translation);
-        let view = camera.zip(place).map(|(camera, place)| AreaView {
-            clip_from_world: camera.clip_from_view() * place.to_matrix().inverse(),
-            viewport: self.size.as_vec2(),
+        let view = camera.zip(place).map(|(camera, place)| {
+            AreaView::new(
+                camera.clip_from_view() * place.to_matrix().inverse(),
+                self.size.as_vec2(),
+            )
         });
         let most = self.size.as_dvec2().element_product();
         list.iter().filter_map(move |&entity| {

@@ -41,7 +41,8 @@ pub struct GpuTable<T> {
 }
 
 impl<T: Pod> GpuTable<T> {
-    fn new(label: &'static str) -> Self {
+    /// Empty; its buffer will have this label.
+    pub fn new(label: &'static str) -> Self {
         Self {
             label,
             values: Vec::new(),
@@ -59,7 +60,13 @@ impl<T: Pod> GpuTable<T> {
         !self.changed.is_empty()
     }
 
-    fn set(&mut self, i: u32, value: T, empty: T) {
+    /// Whether it holds nothing.
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// Sets a value; those before it that were never set are `empty`.
+    pub fn set(&mut self, i: u32, value: T, empty: T) {
         if self.values.len() <= i as usize {
             self.values.resize(i as usize + 1, empty);
         }
@@ -75,7 +82,7 @@ impl<T: Pod> GpuTable<T> {
     }
 
     /// Uploads what changed; all of it if it has outgrown its buffer.
-    fn flush(&mut self, device: &RenderDevice, queue: &RenderQueue) {
+    pub fn flush(&mut self, device: &RenderDevice, queue: &RenderQueue) {
         let bytes = (self.values.len() * size_of::<T>()) as u64;
         if self.buffer.as_ref().is_none_or(|b| b.size() < bytes) {
             let room = (bytes * 3 / 2).next_multiple_of(256).max(256);
@@ -110,7 +117,8 @@ impl<T: Pod> GpuTable<T> {
         self.buffer.as_ref()
     }
 
-    fn bytes(&self) -> u64 {
+    /// Memory held. units: bytes
+    pub fn bytes(&self) -> u64 {
         self.buffer.as_ref().map_or(0, |buffer| buffer.size())
     }
 }
@@ -235,7 +243,7 @@ pub struct ViewOcclusion {
     pub key: ReduceKey,
     pub reduce_group: Option<(TextureViewId, BindGroup)>,
     pub verdict_group: Option<([BufferId; 2], BindGroup)>,
-    staging: Vec<Staging>,
+    staging: StagingRing,
 }
 
 /// What distinguishes one pipeline of `depth_reduce` from another.
@@ -250,7 +258,8 @@ pub struct ReduceKey {
 #[derive(Resource, Default)]
 pub struct OcclusionViews(pub HashMap<MainEntity, ViewOcclusion>);
 
-fn storage(device: &RenderDevice, label: &str, bytes: usize) -> Buffer {
+/// A storage buffer that can be written and read back.
+pub fn storage(device: &RenderDevice, label: &str, bytes: usize) -> Buffer {
     device.create_buffer(&BufferDescriptor {
         label: Some(label),
         size: (bytes as u64).next_multiple_of(16).max(16),
@@ -280,13 +289,13 @@ impl ViewOcclusion {
             key,
             reduce_group: None,
             verdict_group: None,
-            staging: Vec::new(),
+            staging: StagingRing::new("skyline_occlusion_staging"),
         }
     }
 
     /// Memory held. units: bytes
     pub fn bytes(&self) -> u64 {
-        let staging: u64 = self.staging.iter().map(|s| s.buffer.size()).sum();
+        let staging = self.staging.bytes();
         self.view.size() + self.reduced.size() + self.to_test.size() * 2 + 16 + staging
     }
 
@@ -312,28 +321,14 @@ impl ViewOcclusion {
         if bytes == 0 {
             return;
         }
-        let free = self
-            .staging
-            .iter()
-            .position(|s| !s.busy.load(Ordering::Acquire));
-        let i = match free {
-            Some(i) => i,
-            None if self.staging.len() < MOST_UNDER_WAY => {
-                self.staging.push(Staging::new(device, bytes));
-                self.staging.len() - 1
-            }
-            None => return,
+        let Some((buffer, busy)) = self.staging.take(device, bytes) else {
+            return;
         };
-        if self.staging[i].buffer.size() < bytes {
-            self.staging[i] = Staging::new(device, bytes);
-        }
-        let Staging { buffer, busy } = &self.staging[i];
-        busy.store(true, Ordering::Release);
         if depth_bytes > 0 {
-            encoder.copy_buffer_to_buffer(&self.reduced, 0, buffer, 0, depth_bytes);
+            encoder.copy_buffer_to_buffer(&self.reduced, 0, &buffer, 0, depth_bytes);
         }
         if self.tests && words > 0 {
-            encoder.copy_buffer_to_buffer(&self.hidden, 0, buffer, depth_bytes, 4 * words as u64);
+            encoder.copy_buffer_to_buffer(&self.hidden, 0, &buffer, depth_bytes, 4 * words as u64);
         }
         let mut returned = mailbox.blank();
         let Returned {
@@ -350,8 +345,8 @@ impl ViewOcclusion {
         hidden.clear(words * 32);
         (*of_frame, *of_epoch) = (frame, epoch);
         let tests = self.tests;
-        let (mailbox, staging, busy) = (mailbox.clone(), buffer.clone(), busy.clone());
-        encoder.map_buffer_on_submit(buffer, MapMode::Read, ..bytes, move |result| {
+        let (mailbox, staging) = (mailbox.clone(), buffer.clone());
+        encoder.map_buffer_on_submit(&buffer, MapMode::Read, ..bytes, move |result| {
             if result.is_ok() {
                 {
                     let bytes = staging.slice(..bytes).get_mapped_range();
@@ -374,27 +369,61 @@ impl ViewOcclusion {
 /// Frames that may be on their way back at once.
 const MOST_UNDER_WAY: usize = 4;
 
-struct Staging {
-    buffer: Buffer,
-    busy: Arc<AtomicBool>,
+/// Buffers on their way back from the GPU.
+pub struct StagingRing {
+    label: &'static str,
+    list: Vec<(Buffer, Arc<AtomicBool>)>,
 }
 
-impl Staging {
-    fn new(device: &RenderDevice, bytes: u64) -> Self {
+impl StagingRing {
+    /// Empty; its buffers will have this label.
+    pub fn new(label: &'static str) -> Self {
         Self {
-            buffer: device.create_buffer(&BufferDescriptor {
-                label: Some("skyline_occlusion_staging"),
+            label,
+            list: Vec::new(),
+        }
+    }
+
+    /// A buffer of at least so many bytes, marked busy until its user says that it is not; `None` if all are under way.
+    pub fn take(&mut self, device: &RenderDevice, bytes: u64) -> Option<(Buffer, Arc<AtomicBool>)> {
+        let label = self.label;
+        let new = || {
+            let buffer = device.create_buffer(&BufferDescriptor {
+                label: Some(label),
                 size: bytes.next_multiple_of(16),
                 usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
                 mapped_at_creation: false,
-            }),
-            busy: Arc::default(),
+            });
+            (buffer, Arc::default())
+        };
+        let free = self
+            .list
+            .iter()
+            .position(|(_, busy)| !busy.load(Ordering::Acquire));
+        let i = match free {
+            Some(i) => i,
+            None if self.list.len() < MOST_UNDER_WAY => {
+                self.list.push(new());
+                self.list.len() - 1
+            }
+            None => return None,
+        };
+        if self.list[i].0.size() < bytes {
+            self.list[i] = new();
         }
+        let (buffer, busy) = self.list[i].clone();
+        busy.store(true, Ordering::Release);
+        Some((buffer, busy))
+    }
+
+    /// Memory held. units: bytes
+    pub fn bytes(&self) -> u64 {
+        self.list.iter().map(|(buffer, _)| buffer.size()).sum()
     }
 }
 
 /// Replaces `to` by the little-endian words of `bytes`.
-fn copy_words<T: Pod>(to: &mut Vec<T>, bytes: &[u8]) {
+pub fn copy_words<T: Pod>(to: &mut Vec<T>, bytes: &[u8]) {
     to.clear();
     to.resize(bytes.len() / size_of::<T>(), T::zeroed());
     bytemuck::cast_slice_mut(to).copy_from_slice(bytes);

@@ -190,15 +190,20 @@ fn check_capabilities(world: &World) -> Result<(), String> {
 
 /// What drawing late needs beyond that.
 fn lacks_for_recheck(world: &World) -> Option<String> {
+    (!can_rewrite_draws(world)).then(|| {
+        "this GPU cannot draw what it finds visible without the CPU (indirect drawing with GPU culling), so nothing \
+         is removed; `Recheck::Never` removes all the same and shows what comes into view some frames late"
+            .into()
+    })
+}
+
+/// Whether `late_draws.wgsl` can run here.
+pub fn can_rewrite_draws(world: &World) -> bool {
     let culls = world
         .get_resource::<GpuPreprocessingSupport>()
         .is_some_and(GpuPreprocessingSupport::is_culling_supported);
     let buffers = world.get_resource::<RenderDevice>().map_or(0, |device| {
         device.limits().max_storage_buffers_per_shader_stage
     });
-    (!culls || buffers < 9).then(|| {
-        "this GPU cannot draw what it finds visible without the CPU (indirect drawing with GPU culling), so nothing \
-         is removed; `Recheck::Never` removes all the same and shows what comes into view some frames late"
-            .into()
-    })
+    culls && buffers >= 9
 }

@@ -65,23 +65,7 @@ pub fn init_occlusion_pipelines(
             ),
         ),
         verdicts: occludee_verdicts::selected_layout(),
-        late_draws: BindGroupLayoutDescriptor::new(
-            "skyline_late_draws",
-            &BindGroupLayoutEntries::sequential(
-                compute,
-                (
-                    read(),
-                    read(),
-                    read(),
-                    read(),
-                    read(),
-                    read(),
-                    write(),
-                    read(),
-                    write(),
-                ),
-            ),
-        ),
+        late_draws: late_draws_layout("skyline_late_draws"),
         nearest: device.create_sampler(&SamplerDescriptor {
             label: Some("skyline_depth_reduce"),
             ..default()
@@ -90,6 +74,29 @@ pub fn init_occlusion_pipelines(
         queued_verdicts: None,
         queued_late_draws: None,
     });
+}
+
+/// What `late_draws.wgsl` is bound to.
+pub fn late_draws_layout(label: &'static str) -> BindGroupLayoutDescriptor {
+    let read = || storage_buffer_read_only_sized(false, None);
+    let write = || storage_buffer_sized(false, None);
+    BindGroupLayoutDescriptor::new(
+        label,
+        &BindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE,
+            (
+                read(),
+                read(),
+                read(),
+                read(),
+                read(),
+                read(),
+                write(),
+                read(),
+                write(),
+            ),
+        ),
+    )
 }
 
 impl OcclusionPipelines {

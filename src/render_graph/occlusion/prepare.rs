@@ -16,7 +16,7 @@ use bevy::{
         render_resource::*,
         renderer::{RenderDevice, RenderQueue},
         sync_world::MainEntity,
-        view::{ExtractedView, RenderVisibleEntities, ViewDepthTexture},
+        view::{ExtractedView, RenderVisibleEntities, RetainedViewEntity, ViewDepthTexture},
     },
 };
 
@@ -283,102 +283,116 @@ pub fn prepare_occlusion_bind_groups(
         else {
             continue;
         };
-        let to = groups.0.entry(camera.main).or_default();
-        bind_late_draws(
-            to,
-            camera.main,
-            view,
+        DrawBindings {
+            label: "skyline_late_draws",
             slots,
+            left_out: &view.hidden,
+            frame: &view.late,
             batched,
             indirect,
-            &pipelines,
-            &cache,
-            &device,
+            layout: &pipelines.late_draws,
+            cache: &cache,
+            device: &device,
+        }
+        .bind(
+            late_view_of(camera.main),
+            groups.0.entry(camera.main).or_default(),
         );
     }
     groups.0.retain(|_, groups| !groups.is_empty());
 }
 
-#[expect(clippy::too_many_arguments, reason = "each is a buffer's owner")]
-fn bind_late_draws(
-    to: &mut Vec<LateDraws>,
-    camera: Entity,
-    view: &ViewOcclusion,
-    slots: &Buffer,
-    batched: &BatchedInstanceBuffers<MeshUniform, MeshInputUniform>,
-    indirect: &IndirectParametersBuffers,
-    pipelines: &OcclusionPipelines,
-    cache: &PipelineCache,
-    device: &RenderDevice,
-) {
-    let (Some(current), Some(previous)) = (
-        batched.current_input_buffer.buffer().buffer(),
-        batched.previous_input_buffer.buffer(),
-    ) else {
-        return;
-    };
-    for (phase, buffers) in &batched.phase_instance_buffers {
-        let (Some(output), Some(draws), Some(work)) = (
-            buffers.data_buffer.buffer(),
-            indirect.get(phase),
-            buffers.work_item_buffers.get(&late_view_of(camera)),
+/// What `late_draws.wgsl` is bound to for a view.
+pub struct DrawBindings<'a> {
+    pub label: &'static str,
+    /// By index in Bevy's buffer of mesh inputs: the slot.
+    pub slots: &'a Buffer,
+    /// A bit each slot: is left out.
+    pub left_out: &'a Buffer,
+    /// Number of the frame.
+    pub frame: &'a Buffer,
+    pub batched: &'a BatchedInstanceBuffers<MeshUniform, MeshInputUniform>,
+    pub indirect: &'a IndirectParametersBuffers,
+    pub layout: &'a BindGroupLayoutDescriptor,
+    pub cache: &'a PipelineCache,
+    pub device: &'a RenderDevice,
+}
+
+impl DrawBindings<'_> {
+    /// A bind group for each phase and kind of mesh that the view draws.
+    pub fn bind(&self, view: RetainedViewEntity, to: &mut Vec<LateDraws>) {
+        let Self {
+            batched, indirect, ..
+        } = self;
+        let (Some(current), Some(previous)) = (
+            batched.current_input_buffer.buffer().buffer(),
+            batched.previous_input_buffer.buffer(),
         ) else {
-            continue;
+            return;
         };
-        let PreprocessWorkItemBuffers::Indirect {
-            indexed,
-            non_indexed,
-            ..
-        } = work
-        else {
-            continue;
-        };
-        let kinds = [
-            (
+        for (phase, buffers) in &batched.phase_instance_buffers {
+            let (Some(output), Some(draws), Some(work)) = (
+                buffers.data_buffer.buffer(),
+                indirect.get(phase),
+                buffers.work_item_buffers.get(&view),
+            ) else {
+                continue;
+            };
+            let PreprocessWorkItemBuffers::Indirect {
                 indexed,
-                draws.indexed.cpu_metadata_buffer(),
-                draws.indexed.gpu_metadata_buffer(),
-            ),
-            (
                 non_indexed,
-                draws.non_indexed.cpu_metadata_buffer(),
-                draws.non_indexed.gpu_metadata_buffer(),
-            ),
-        ];
-        for (work, cpu_metadata, gpu_metadata) in kinds {
-            let (Some(work_buffer), Some(cpu_metadata), Some(gpu_metadata)) =
-                (work.buffer(), cpu_metadata, gpu_metadata)
+                ..
+            } = work
             else {
                 continue;
             };
-            // The shader goes by the binding's length; the buffer may be longer.
-            let bytes = (work.len() * size_of::<PreprocessWorkItem>()) as u64;
-            let Some(size) = NonZero::new(bytes) else {
-                continue;
-            };
-            let group = device.create_bind_group(
-                "skyline_late_draws",
-                &cache.get_bind_group_layout(&pipelines.late_draws),
-                &BindGroupEntries::sequential((
-                    slots.as_entire_binding(),
-                    view.hidden.as_entire_binding(),
-                    view.late.as_entire_binding(),
-                    current.as_entire_binding(),
-                    previous.as_entire_binding(),
-                    BindingResource::Buffer(BufferBinding {
-                        buffer: work_buffer,
-                        offset: 0,
-                        size: Some(size),
-                    }),
-                    output.as_entire_binding(),
-                    cpu_metadata.as_entire_binding(),
-                    gpu_metadata.as_entire_binding(),
-                )),
-            );
-            to.push(LateDraws {
-                group,
-                instances: work.len() as u32,
-            });
+            let kinds = [
+                (
+                    indexed,
+                    draws.indexed.cpu_metadata_buffer(),
+                    draws.indexed.gpu_metadata_buffer(),
+                ),
+                (
+                    non_indexed,
+                    draws.non_indexed.cpu_metadata_buffer(),
+                    draws.non_indexed.gpu_metadata_buffer(),
+                ),
+            ];
+            for (work, cpu_metadata, gpu_metadata) in kinds {
+                let (Some(work_buffer), Some(cpu_metadata), Some(gpu_metadata)) =
+                    (work.buffer(), cpu_metadata, gpu_metadata)
+                else {
+                    continue;
+                };
+                // The shader goes by the binding's length; the buffer may be longer.
+                let bytes = (work.len() * size_of::<PreprocessWorkItem>()) as u64;
+                let Some(size) = NonZero::new(bytes) else {
+                    continue;
+                };
+                let group = self.device.create_bind_group(
+                    self.label,
+                    &self.cache.get_bind_group_layout(self.layout),
+                    &BindGroupEntries::sequential((
+                        self.slots.as_entire_binding(),
+                        self.left_out.as_entire_binding(),
+                        self.frame.as_entire_binding(),
+                        current.as_entire_binding(),
+                        previous.as_entire_binding(),
+                        BindingResource::Buffer(BufferBinding {
+                            buffer: work_buffer,
+                            offset: 0,
+                            size: Some(size),
+                        }),
+                        output.as_entire_binding(),
+                        cpu_metadata.as_entire_binding(),
+                        gpu_metadata.as_entire_binding(),
+                    )),
+                );
+                to.push(LateDraws {
+                    group,
+                    instances: work.len() as u32,
+                });
+            }
         }
     }
 }

@@ -155,7 +155,8 @@ impl Setting {
             hysteresis: self.hysteresis,
             exit: self.exit,
             weigh_by_visibility: self.depth == Depth::Weighed,
-            ..ContributionCulling::default()
+            // What the GPU leaves out could not be counted in the same frame.
+            gpu_from: usize::MAX,
         }
     }
 
