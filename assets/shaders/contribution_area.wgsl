@@ -18,9 +18,6 @@ struct AreaView {
     comes_back: f32,
     /// Whether any slot is another entity's than in the last frame.
     any_fresh: u32,
-    pad_0: u32,
-    pad_1: u32,
-    pad_2: u32,
 };
 
 /// As in `contribution/area.rs`.

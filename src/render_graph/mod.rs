@@ -14,6 +14,7 @@
 //! | `terrain_cascade` | `Core3d`, `Prepass` | `per_view_shadow_pass` (early) | `early_downsample_depth`, `per_view_shadow_pass` (late), `MainPass` | terrain is among the casters that occlusion culling of lights and shading read |
 //! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
 //! | `extract_contribution` | `ExtractSchedule` | – | – | takes over what each camera whose areas the GPU measures has in view, and what changed in the table of candidates |
+//! | `respecialize_dithered` | `ExtractSchedule`, `CheckForChanges` | – | – | what begins or ceases to dither is drawn by other pipelines in this very frame |
 //! | `prepare_contribution` | `Render`, `PrepareResources` | – | – | uploads both; which mesh input is which candidate |
 //! | `prepare_contribution_bind_groups` | `Render`, `PrepareBindGroups` | – | – | batches, whose instances are written again, are built by then |
 //! | `contribution` | `Core3d` | `early_gpu_preprocess` | `early_prepass_build_indirect_parameters` | takes what is too small out of the camera's instances before their number is taken for the draws |

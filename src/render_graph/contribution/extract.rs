@@ -1,10 +1,16 @@
 //! What the render world takes over each frame: which candidates changed, and what each camera has in view.
 
 use bevy::{
+    camera::visibility::VisibilityRange,
     diagnostic::FrameCount,
+    ecs::lifecycle::RemovedComponents,
     math::Affine3A,
     prelude::*,
-    render::{Extract, sync_world::RenderEntity},
+    render::{
+        Extract,
+        camera::DirtySpecializations,
+        sync_world::{MainEntity, RenderEntity},
+    },
 };
 
 use crate::{
@@ -80,6 +86,18 @@ pub struct ExtractedContribution {
     pub epoch: u32,
     /// Whether `changed` is all there is.
     pub all: bool,
+}
+
+/// Has what begins or ceases to dither drawn by the pipelines for that from this frame on: Bevy looks for them only when
+/// a mesh or a material changes.
+pub fn respecialize_dithered(
+    dirty: Option<ResMut<DirtySpecializations>>,
+    begun: Extract<Query<Entity, (Added<VisibilityRange>, With<Mesh3d>)>>,
+    mut ended: Extract<RemovedComponents<VisibilityRange>>,
+) {
+    let Some(mut dirty) = dirty else { return };
+    let both = begun.iter().chain(ended.read()).map(MainEntity::from);
+    dirty.changed_renderables.extend(both);
 }
 
 /// Fills [`ExtractedContribution`].

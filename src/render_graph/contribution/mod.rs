@@ -30,6 +30,7 @@ use bevy::{
     prelude::*,
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems,
+        camera::DirtySpecializationSystems,
         render_resource::{
             binding_types::{storage_buffer_read_only_sized, storage_buffer_sized},
             *,
@@ -40,7 +41,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::{occlusion::can_rewrite_draws, shaders};
 use crate::contribution::area::AreaView;
-use extract::{ExtractedContribution, extract_contribution};
+use extract::{ExtractedContribution, extract_contribution, respecialize_dithered};
 use pass::contribution;
 use prepare::{
     ContributionViews, GpuCandidates, init_contribution_pipelines, prepare_contribution,
@@ -175,6 +176,10 @@ pub(crate) fn add_contribution_passes(app: &mut App) {
         stats.lock().unsupported = Some("the app renders nothing: it has no RenderPlugin".into());
         return;
     };
+    render_app.add_systems(
+        ExtractSchedule,
+        respecialize_dithered.in_set(DirtySpecializationSystems::CheckForChanges),
+    );
     if !can_rewrite_draws(render_app.world()) {
         stats.lock().unsupported =
             Some("this GPU cannot draw indirectly with GPU culling; the CPU measures".into());
