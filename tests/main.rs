@@ -4,6 +4,13 @@
 #[path = "it/allocations.rs"]
 mod allocations;
 #[cfg(feature = "cli")]
+#[path = "it/budget_app.rs"]
+mod budget_app;
+#[path = "it/budget_controller.rs"]
+mod budget_controller;
+#[path = "it/budget_model.rs"]
+mod budget_model;
+#[cfg(feature = "cli")]
 #[path = "it/cli.rs"]
 mod cli;
 #[cfg(feature = "cli")]

@@ -3,20 +3,67 @@
 //! Each frame: **measure** what the last frames took, **learn** what an object, a triangle, a pixel and a terrain ray
 //! cost on this machine, **predict** this frame, and **choose** the knobs' settings with the least visible loss whose
 //! predicted time meets the target. Feedback trims what the model gets wrong.
+//!
+//! | Where | What |
+//! |---|---|
+//! | [`measure`] | what a frame took |
+//! | [`workload`] | what it had to do, and what any threshold leaves of it |
+//! | [`model`] | what that costs here, learned |
+//! | [`trim`] | by how much the model is off just now, and how far frames scatter |
+//! | [`controller`] | the choice of each frame; plain data, no app |
+//! | [`ladder`] | which other knob moves, and when |
+//! | [`knobs`], [`built_in`] | the registry, and the knobs of this suite |
+//! | [`policy`] | what it is compared with: fixed polygons, distance, threshold |
+//!
+//! # A frame
+//! | When | What |
+//! |---|---|
+//! | `First` | [`BudgetSystems::Begin`]: the clock starts, times of past frames are taken in; [`BudgetSystems::ApplyKnobs`]: knobs that moved are applied |
+//! | `PostUpdate`, [`ContributionSteps::Choose`](crate::contribution::ContributionSteps) | areas are summed up, the threshold of this frame is chosen, other knobs are moved for the next |
+//! | `PostUpdate`, after [`CullSystems`](crate::culling::CullSystems) | what is drawn in the end is noted, to be learned from |
+//! | `Last` | the clock stops; [`Effects`](crate::effects::Effects) and diagnostics are written |
+//!
+//! Without a [`FrameBudget`] in the scene one empty query runs a frame, and nothing is kept.
 
+pub mod built_in;
+pub mod controller;
+mod knob;
 pub mod knobs;
+pub mod ladder;
+pub mod measure;
+pub mod model;
+pub mod policy;
+pub mod trim;
+pub mod workload;
 
-use bevy::prelude::*;
+use bevy::{
+    diagnostic::{Diagnostic, RegisterDiagnostic},
+    ecs::{lifecycle::HookContext, world::DeferredWorld},
+    prelude::*,
+};
 
-pub use knobs::{Knob, KnobStep, Knobs};
+pub use knobs::{AppKnobs, Knob, KnobCost, KnobError, KnobOn, KnobStep, Knobs};
+pub use policy::WorkloadPolicy;
+
+use crate::{
+    contribution::{ContributionCamera, ContributionSteps},
+    culling::CullSystems,
+    plugin::ReportSystems,
+    systems::budget as systems,
+};
+use controller::Controller;
+use measure::{FrameTimes, RenderClock};
+use workload::AreaProfile;
 
 /// On a camera: holds the app's frame time to a target by moving other effects' knobs, those with the least visible
 /// loss first, and gives them back in reverse.
 ///
-/// Frame time is the app's, not a camera's: where several active cameras have a budget, the strictest target holds.
+/// Frame time is the app's, not a camera's: where several active cameras have a budget, the strictest target holds, by
+/// its own clock, and all of them get the same threshold. A target that is not finite and above 0 asks for nothing.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(BudgetState)]
+#[component(on_remove = give_back)]
 pub struct FrameBudget {
     /// What a frame may take. units: ms
     pub target_ms: f32,
@@ -36,6 +83,17 @@ impl FrameBudget {
             target_ms,
             clock: BudgetClock::default(),
         }
+    }
+}
+
+/// Nothing is demanded of the camera any more.
+fn give_back(mut world: DeferredWorld, context: HookContext) {
+    if let Some(mut camera) = world.get_mut::<ContributionCamera>(context.entity) {
+        camera.demanded_px2 = 0.0;
+    }
+    // The camera may be on its way out.
+    if let Ok(mut camera) = world.commands().get_entity(context.entity) {
+        camera.try_remove::<BudgetState>();
     }
 }
 
@@ -89,10 +147,136 @@ pub enum BudgetStatus {
     Short,
 }
 
+impl From<controller::Status> for BudgetStatus {
+    fn from(status: controller::Status) -> Self {
+        match status {
+            controller::Status::NoMeasurement => Self::NoMeasurement,
+            controller::Status::Ample => Self::Ample,
+            controller::Status::Held => Self::Held,
+            controller::Status::Short => Self::Short,
+        }
+    }
+}
+
+/// What the budget keeps from frame to frame; next to nothing while no camera asks for it.
+#[derive(Resource, Default)]
+pub struct Budget {
+    /// Number of this frame, from 1.
+    pub(crate) frame: u64,
+    /// Whether a camera asked for it when this frame began, or did until then.
+    pub(crate) is_awake: bool,
+    pub(crate) was_asked: bool,
+    /// Frames that something was chosen in.
+    pub(crate) chosen: u64,
+    /// Everything large.
+    pub(crate) work: Option<Box<BudgetWork>>,
+}
+
+/// What is only there while a camera asks.
+#[derive(Default)]
+pub(crate) struct BudgetWork {
+    pub(crate) controller: Controller,
+    pub(crate) profile: AreaProfile,
+    pub(crate) times: FrameTimes,
+    /// Area of each candidate in view, by slot. units: px²
+    pub(crate) areas: Vec<f32>,
+    /// The strictest of the active cameras' wishes.
+    pub(crate) asked: Option<FrameBudget>,
+    /// What became known in this frame.
+    pub(crate) measured: Option<controller::Measured>,
+    pub(crate) quantum_ms: Option<f32>,
+    /// Time of choosing. units: ms
+    pub(crate) cpu_ms: f32,
+}
+
+impl Budget {
+    /// Frames in which something was chosen, since the app began.
+    pub fn chosen(&self) -> u64 {
+        self.chosen
+    }
+
+    /// The controller, while a camera asks for it.
+    pub fn controller(&self) -> Option<&Controller> {
+        self.work.as_deref().map(|work| &work.controller)
+    }
+
+    /// The frame, if the render world is to time it.
+    pub(crate) fn timed_frame(&self) -> Option<u64> {
+        let work = self.work.as_deref()?;
+        let is_work = work.asked.as_ref()?.clock == BudgetClock::Work;
+        is_work.then_some(self.frame)
+    }
+}
+
+/// The budget's systems, where others may have to run before or after.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BudgetSystems {
+    /// In `First`: times of past frames are taken in.
+    Begin,
+    /// In `First`, after that: values of knobs are put into components.
+    ApplyKnobs,
+}
+
+/// Whether a camera asks for a budget, or one just stopped to and is to get its settings back.
+pub(crate) fn is_awake(budget: Res<Budget>) -> bool {
+    budget.is_awake
+}
+
 /// Registers types and main-world systems.
 pub(crate) fn register(app: &mut App) {
     app.register_type::<FrameBudget>()
         .register_type::<BudgetState>()
+        .register_type::<WorkloadPolicy>()
         .init_resource::<GivenFrameTimes>()
-        .init_resource::<Knobs>();
+        .init_resource::<Knobs>()
+        .init_resource::<RenderClock>()
+        .init_resource::<Budget>()
+        .configure_sets(
+            First,
+            // What was heard says what is put.
+            (BudgetSystems::Begin, BudgetSystems::ApplyKnobs).chain(),
+        )
+        .add_systems(
+            First,
+            (systems::wake, systems::begin.run_if(is_awake))
+                .chain()
+                .in_set(BudgetSystems::Begin)
+                // An interval is this frame's.
+                .after(bevy::time::TimeSystems),
+        )
+        .add_systems(
+            PostUpdate,
+            (
+                systems::choose.run_if(is_awake),
+                systems::follow_policy.run_if(policy::is_followed),
+            )
+                .chain()
+                .in_set(ContributionSteps::Choose),
+        )
+        .add_systems(
+            PostUpdate,
+            // All that is removed has been.
+            systems::note_drawn.run_if(is_awake).after(CullSystems),
+        )
+        .add_systems(Last, systems::report_budget.in_set(ReportSystems))
+        .add_systems(
+            Last,
+            // The frame's work is done when the others have reported, too.
+            systems::end.run_if(is_awake).after(ReportSystems),
+        );
+    if let Err(problem) = built_in::register(app) {
+        error!("the frame budget lacks knobs: {problem}");
+    }
+    for diagnostic in [
+        Diagnostic::new(systems::MEASURED_MS).with_suffix(" ms"),
+        Diagnostic::new(systems::PREDICTED_MS).with_suffix(" ms"),
+        Diagnostic::new(systems::THRESHOLD_PX2).with_suffix(" px²"),
+    ] {
+        app.register_diagnostic(diagnostic);
+    }
+}
+
+/// Registers what times the render world.
+pub(crate) fn finish(app: &mut App) {
+    measure::add_render_timer(app);
 }

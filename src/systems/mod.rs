@@ -1,5 +1,6 @@
 //! Systems of the main world, one file a feature.
 
+pub mod budget;
 pub mod candidates;
 pub mod contribution;
 pub mod contribution_fade;

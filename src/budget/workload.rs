@@ -1,0 +1,231 @@
+//! What a frame has to do, as numbers; and how much of it any contribution threshold leaves.
+
+/// What a frame draws: what its time is predicted from.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Workload {
+    /// Entities with a mesh.
+    pub objects: f64,
+    /// Triangles of their meshes.
+    pub triangles: f64,
+    /// Sum of their areas, each at most its viewport. units: px²
+    pub pixels: f64,
+    /// Rays that terrain is cast with.
+    pub rays: f64,
+}
+
+/// Terms of the cost model: one that is always there, and those of [`Workload`] in their order.
+pub const TERMS: usize = 5;
+
+impl Workload {
+    /// The terms of the cost model.
+    pub fn terms(&self) -> [f64; TERMS] {
+        [1.0, self.objects, self.triangles, self.pixels, self.rays]
+    }
+
+    /// Each term `by` times as large; the fixed one is not in here.
+    pub fn scaled(&self, by: &Self) -> Self {
+        Self {
+            objects: self.objects * by.objects,
+            triangles: self.triangles * by.triangles,
+            pixels: self.pixels * by.pixels,
+            rays: self.rays * by.rays,
+        }
+    }
+
+    /// As it is.
+    pub const UNSCALED: Self = Self {
+        objects: 1.0,
+        triangles: 1.0,
+        pixels: 1.0,
+        rays: 1.0,
+    };
+}
+
+impl core::ops::Add for Workload {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            objects: self.objects + other.objects,
+            triangles: self.triangles + other.triangles,
+            pixels: self.pixels + other.pixels,
+            rays: self.rays + other.rays,
+        }
+    }
+}
+
+impl core::ops::Sub for Workload {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self {
+            objects: self.objects - other.objects,
+            triangles: self.triangles - other.triangles,
+            pixels: self.pixels - other.pixels,
+            rays: self.rays - other.rays,
+        }
+    }
+}
+
+/// Bits of an area's mantissa that tell bins apart: 64 bins an octave, each 1.1 to 1.6 % wide.
+const MANTISSA_BITS: u32 = 6;
+const SHIFT: u32 = 23 - MANTISSA_BITS;
+/// Areas below 2⁻⁶ px² are one bin, and so are those from 2²⁴ px² on, a picture of 4096×4096.
+const LOWEST: u32 = ((127 - 6) << 23) >> SHIFT;
+const HIGHEST: u32 = ((127 + 24) << 23) >> SHIFT;
+/// Bins of an [`AreaProfile`].
+pub const BINS: usize = (HIGHEST - LOWEST) as usize + 2;
+
+/// What cameras have in view, by the area each object covers. The work that a threshold leaves is looked up.
+///
+/// A histogram over the areas' leading bits, so that the edges of bins are exact `f32` numbers and what a threshold
+/// on an edge keeps is what the culling keeps. Its memory is taken once.
+#[derive(Clone, Debug)]
+pub struct AreaProfile {
+    /// What is in each bin; after [`finish`](Self::finish), what is in it and in all above.
+    bins: Vec<Workload>,
+    /// Pixels of the picture. units: px²
+    picture: f64,
+}
+
+impl Default for AreaProfile {
+    fn default() -> Self {
+        Self {
+            bins: vec![Workload::default(); BINS],
+            picture: 0.0,
+        }
+    }
+}
+
+impl AreaProfile {
+    /// The lowest area that is in a bin. units: px²
+    pub fn edge(bin: usize) -> f32 {
+        match bin.min(BINS - 1) {
+            0 => 0.0,
+            bin => f32::from_bits((LOWEST + bin as u32 - 1) << SHIFT),
+        }
+    }
+
+    /// The bin of an area. What is no number counts as infinite.
+    pub fn bin(area_px2: f32) -> usize {
+        if area_px2.is_nan() {
+            return BINS - 1;
+        }
+        // Positive floats are in the order of their bits; negative zero and below are no areas.
+        let bits = area_px2.max(0.0).to_bits() >> SHIFT;
+        match bits {
+            bits if bits < LOWEST => 0,
+            bits if bits >= HIGHEST => BINS - 1,
+            bits => (bits - LOWEST) as usize + 1,
+        }
+    }
+
+    /// Empties it.
+    pub fn clear(&mut self) {
+        self.bins.fill(Workload::default());
+        self.picture = 0.0;
+    }
+
+    /// Adds a picture of so many pixels that objects are seen in. units: px²
+    pub fn add_picture(&mut self, px2: f32) {
+        if px2.is_finite() {
+            self.picture += f64::from(px2.max(0.0));
+        }
+    }
+
+    /// Adds an object of an area in a viewport of so many pixels.
+    pub fn add(&mut self, area_px2: f32, triangles: u32, viewport_px2: f32) {
+        let bin = &mut self.bins[Self::bin(area_px2)];
+        bin.objects += 1.0;
+        bin.triangles += f64::from(triangles);
+        bin.pixels += object_px(area_px2, viewport_px2);
+    }
+
+    /// Adds what no threshold takes away.
+    pub fn add_fixed(&mut self, work: Workload) {
+        let bin = &mut self.bins[BINS - 1];
+        *bin = *bin + work;
+    }
+
+    /// Sums up. Until [`clear`](Self::clear) nothing may be added.
+    pub fn finish(&mut self) {
+        let mut above = Workload::default();
+        for bin in self.bins.iter_mut().rev() {
+            above = above + *bin;
+            *bin = above;
+        }
+    }
+
+    /// What a threshold at the lowest area of a bin keeps.
+    pub fn kept(&self, bin: usize) -> Workload {
+        self.bins[bin.min(BINS - 1)]
+    }
+
+    /// Share of the picture's pixels that go when the threshold rises from one bin to another. Objects in front of
+    /// each other count twice, so it may exceed 1.
+    pub fn loss(&self, from: usize, to: usize) -> f64 {
+        let gone = self.kept(from).pixels - self.kept(to).pixels;
+        if self.picture > 0.0 {
+            gone.max(0.0) / self.picture
+        } else {
+            0.0
+        }
+    }
+
+    /// Pixels of the pictures. units: px²
+    pub fn picture_px2(&self) -> f64 {
+        self.picture
+    }
+}
+
+/// Pixels that an object is charged with.
+pub fn object_px(area_px2: f32, viewport_px2: f32) -> f64 {
+    // `min` and `max` pass over what is no number.
+    f64::from(area_px2.min(viewport_px2).max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_area_is_in_the_bin_whose_edges_enclose_it() {
+        let mut area = 1e-4_f32;
+        while area < 1e9 {
+            let bin = AreaProfile::bin(area);
+            assert!(AreaProfile::edge(bin) <= area, "{area}");
+            if bin + 1 < BINS {
+                assert!(area < AreaProfile::edge(bin + 1), "{area}");
+            }
+            area *= 1.003;
+        }
+        for bin in 0..BINS {
+            assert_eq!(AreaProfile::bin(AreaProfile::edge(bin)), bin);
+        }
+        assert_eq!(AreaProfile::bin(f32::INFINITY), BINS - 1);
+        assert_eq!(AreaProfile::bin(f32::NAN), BINS - 1);
+        assert_eq!(AreaProfile::bin(-3.0), 0);
+        assert_eq!(AreaProfile::bin(-0.0), 0);
+    }
+
+    #[test]
+    fn a_threshold_keeps_what_is_not_below_it() {
+        let mut profile = AreaProfile::default();
+        profile.add_picture(1_000.0);
+        for (area, triangles) in [(0.0, 1), (4.0, 10), (16.0, 100), (f32::INFINITY, 1_000)] {
+            profile.add(area, triangles, 1_000.0);
+        }
+        profile.add_fixed(Workload {
+            rays: 7.0,
+            ..Workload::default()
+        });
+        profile.finish();
+        let of = |threshold| profile.kept(AreaProfile::bin(threshold));
+        assert_eq!((of(0.0).objects, of(0.0).triangles), (4.0, 1_111.0));
+        assert_eq!((of(4.0).objects, of(4.0).triangles), (3.0, 1_110.0));
+        assert_eq!((of(16.0).pixels, of(16.0).rays), (1_016.0, 7.0));
+        assert_eq!(of(17.0).objects, 1.0);
+        let loss = profile.loss(0, AreaProfile::bin(17.0));
+        assert!((loss - 0.02).abs() < 1e-12, "{loss}");
+    }
+}

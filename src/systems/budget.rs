@@ -1,0 +1,531 @@
+//! Main-world side of the frame budget: measures, chooses, notes what was drawn, reports.
+
+use core::{any::TypeId, fmt::Write};
+
+use bevy::{
+    camera::visibility::VisibleEntities,
+    diagnostic::{DiagnosticPath, Diagnostics, DiagnosticsStore},
+    ecs::query::QueryData,
+    platform::time::Instant,
+    prelude::*,
+    render::pipelined_rendering::RenderAppChannels,
+    window::{Monitor, OnMonitor, PresentMode, PrimaryWindow},
+};
+
+use crate::{
+    budget::{
+        Budget, BudgetClock, BudgetState, BudgetStatus, BudgetWork, FrameBudget, GivenFrameTimes,
+        Knobs, WorkloadPolicy,
+        built_in::CONTRIBUTION_AREA,
+        controller::{Contribution, Input, Measured},
+        measure::{Bound, RenderClock},
+        policy::nearest_within,
+        workload::{AreaProfile, Workload, object_px},
+    },
+    contribution::{ContributionCamera, ContributionCulling},
+    culling::candidates::Candidates,
+    effects::{Effect, EffectState, Effects},
+    occlusion::{OcclusionCamera, OcclusionCounts},
+    render_graph::stats::TerrainStats,
+};
+
+/// The last frame time that was believed. units: ms
+pub const MEASURED_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/budget/measured_ms");
+/// What the frame was predicted to take. units: ms
+pub const PREDICTED_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/budget/predicted_ms");
+/// The contribution threshold that was demanded. units: px²
+pub const THRESHOLD_PX2: DiagnosticPath = DiagnosticPath::const_new("skyline/budget/threshold_px2");
+
+/// Notices whether any camera asks for a budget; what was kept goes when none does any more.
+pub fn wake(
+    mut budget: ResMut<Budget>,
+    mut knobs: ResMut<Knobs>,
+    cameras: Query<(), With<FrameBudget>>,
+) {
+    let is_asked = !cameras.is_empty();
+    if !is_asked && !budget.is_awake && !budget.was_asked {
+        return;
+    }
+    // Once more after the last camera: its settings are put back.
+    budget.is_awake = is_asked || budget.was_asked;
+    budget.was_asked = is_asked;
+    if is_asked {
+        budget.frame += 1;
+        budget.work.get_or_insert_default();
+    } else {
+        budget.work = None;
+        knobs.set_present(CONTRIBUTION_AREA, false);
+    }
+}
+
+/// The window's part in measuring.
+type Display<'w, 's> = (
+    Query<'w, 's, (&'static Window, Option<&'static OnMonitor>), With<PrimaryWindow>>,
+    Query<'w, 's, &'static Monitor>,
+);
+
+/// Starts the clock, and takes in what became known of past frames.
+pub fn begin(
+    mut budget: ResMut<Budget>,
+    mut given: ResMut<GivenFrameTimes>,
+    time: Res<Time<Real>>,
+    clock: Res<RenderClock>,
+    store: Option<Res<DiagnosticsStore>>,
+    channels: Option<Res<RenderAppChannels>>,
+    cameras: Query<(&Camera, &FrameBudget)>,
+    (windows, monitors): Display,
+) {
+    let frame = budget.frame;
+    let Some(work) = budget.work.as_deref_mut() else {
+        return;
+    };
+    let strictest = cameras
+        .iter()
+        .filter(|(camera, asked)| {
+            camera.is_active && asked.target_ms.is_finite() && asked.target_ms > 0.0
+        })
+        .map(|(_, asked)| asked)
+        .min_by(|a, b| a.target_ms.total_cmp(&b.target_ms));
+    if work.asked.as_ref() != strictest {
+        work.asked = strictest.cloned();
+    }
+    work.measured = None;
+    work.quantum_ms = None;
+    let last = frame.saturating_sub(1);
+    match work.asked.as_ref().map(|asked| asked.clock) {
+        None => {}
+        Some(BudgetClock::Given) => {
+            work.measured = given.last_ms.take().map(|ms| Measured { frame: last, ms });
+        }
+        Some(BudgetClock::Interval) => {
+            let ms = time.delta_secs() * 1e3;
+            work.measured = Some(Measured { frame: last, ms });
+            work.quantum_ms = refresh_ms(&windows, &monitors);
+        }
+        Some(BudgetClock::Work) => {
+            work.times.take_render(&clock);
+            if let Some(store) = &store {
+                work.times.take_gpu(store, frame);
+            }
+            // What never drew anything has no render world to wait for.
+            work.measured = work.times.work(frame, channels.is_some(), clock.runs());
+            work.times.begin(frame);
+        }
+    }
+}
+
+/// Time from one picture of the display to the next, where the window waits for it. units: ms
+fn refresh_ms(
+    windows: &Query<(&Window, Option<&OnMonitor>), With<PrimaryWindow>>,
+    monitors: &Query<&Monitor>,
+) -> Option<f32> {
+    let (window, on) = windows.single().ok()?;
+    let waits = matches!(
+        window.present_mode,
+        PresentMode::AutoVsync | PresentMode::Fifo | PresentMode::FifoRelaxed
+    );
+    let monitor = monitors.get(on?.0).ok()?;
+    let millihertz = monitor.refresh_rate_millihertz.filter(|_| waits)?;
+    (millihertz > 0).then(|| 1e6 / millihertz as f32)
+}
+
+/// Stops the clock.
+pub fn end(mut budget: ResMut<Budget>) {
+    let frame = budget.frame;
+    if let Some(work) = budget.work.as_deref_mut()
+        && work
+            .asked
+            .as_ref()
+            .is_some_and(|asked| asked.clock == BudgetClock::Work)
+    {
+        work.times.end(frame);
+    }
+}
+
+/// A camera with a budget.
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub struct BudgetCamera {
+    camera: &'static Camera,
+    visible: Option<&'static VisibleEntities>,
+    culling: Option<(
+        &'static ContributionCulling,
+        &'static mut ContributionCamera,
+    )>,
+    occlusion: Option<(&'static OcclusionCamera, &'static OcclusionCounts)>,
+    state: &'static mut BudgetState,
+}
+
+/// Sums up what is in view, and chooses.
+pub fn choose(
+    mut budget: ResMut<Budget>,
+    mut knobs: ResMut<Knobs>,
+    table: Option<Res<Candidates>>,
+    terrain: Option<Res<TerrainStats>>,
+    mut cameras: Query<BudgetCamera, With<FrameBudget>>,
+) {
+    let frame = budget.frame;
+    let budget = &mut *budget;
+    let Some(work) = budget.work.as_deref_mut() else {
+        return;
+    };
+    let Some(asked) = work.asked.as_ref().map(|asked| asked.target_ms) else {
+        for mut item in &mut cameras {
+            item.state.set_if_neq(BudgetState::default());
+            if let Some((_, camera)) = &mut item.culling {
+                camera.demanded_px2 = 0.0;
+            }
+        }
+        return;
+    };
+    let began = Instant::now();
+    let BudgetWork {
+        profile,
+        areas,
+        controller,
+        ..
+    } = work;
+    profile.clear();
+    areas.clear();
+    areas.resize(table.as_ref().map_or(0, |table| table.slots()), 0.0);
+    // The least of the cameras' own.
+    let mut floor = f32::INFINITY;
+    let mut picture = 0.0;
+    for item in cameras.iter().filter(|item| item.camera.is_active) {
+        let viewport = viewport_px2(item.camera);
+        profile.add_picture(viewport);
+        picture += f64::from(viewport);
+        match (item.visible, &item.culling, &table) {
+            (Some(visible), Some((settings, camera)), Some(table)) => {
+                floor = floor.min(own_threshold(settings));
+                add_candidates(
+                    profile,
+                    areas,
+                    table,
+                    visible,
+                    settings,
+                    camera,
+                    item.occlusion,
+                    viewport,
+                );
+            }
+            (Some(visible), ..) => profile.add_fixed(Workload {
+                objects: visible.get(TypeId::of::<Mesh3d>()).len() as f64,
+                ..default()
+            }),
+            (None, ..) => {}
+        }
+    }
+    profile.add_fixed(rays(terrain.as_deref(), picture));
+    profile.finish();
+    let has_contribution = floor.is_finite();
+    knobs.set_present(CONTRIBUTION_AREA, has_contribution);
+    let manual = knobs
+        .get(CONTRIBUTION_AREA)
+        .and_then(|knob| knob.steps.get(knob.manual?))
+        .map(|step| step.value);
+    let decision = controller.step(
+        &Input {
+            frame,
+            target_ms: asked,
+            measured: work.measured,
+            profile,
+            floor_px2: if has_contribution { floor } else { 0.0 },
+            contribution: match (has_contribution, manual) {
+                (false, _) => Contribution::Absent,
+                (true, None) => Contribution::Budget,
+                (true, Some(px2)) => Contribution::Manual(px2),
+            },
+            quantum_ms: work.quantum_ms,
+        },
+        knobs.present_mut(),
+    );
+    show_threshold(&mut knobs, profile, floor, decision.threshold_px2);
+    let new = BudgetState {
+        measured_ms: controller.measured_ms(),
+        predicted_ms: decision.predicted_ms,
+        threshold_px2: decision.threshold_px2,
+        status: decision.status.into(),
+    };
+    for mut item in &mut cameras {
+        let is_active = item.camera.is_active;
+        item.state.set_if_neq(if is_active {
+            new.clone()
+        } else {
+            BudgetState::default()
+        });
+        if let Some((_, camera)) = &mut item.culling {
+            camera.demanded_px2 = if is_active {
+                decision.threshold_px2
+            } else {
+                0.0
+            };
+        }
+    }
+    budget.chosen += 1;
+    work.cpu_ms = began.elapsed().as_secs_f32() * 1e3;
+}
+
+fn viewport_px2(camera: &Camera) -> f32 {
+    camera
+        .physical_viewport_size()
+        .map_or(0.0, |size| size.x as f32 * size.y as f32)
+}
+
+/// The threshold that holds without a budget. units: px²
+fn own_threshold(settings: &ContributionCulling) -> f32 {
+    if settings.threshold_px2.is_finite() {
+        settings.threshold_px2.max(0.0)
+    } else {
+        0.0
+    }
+}
+
+/// Rays that terrain is cast with, if any is.
+fn rays(terrain: Option<&TerrainStats>, picture_px2: f64) -> Workload {
+    let is_cast = terrain.is_some_and(|stats| stats.lock().views_drawn > 0);
+    Workload {
+        rays: if is_cast { picture_px2 } else { 0.0 },
+        ..default()
+    }
+}
+
+/// Adds what a camera has in view, as its contribution culling will compare it, but for what is known to be hidden.
+#[expect(clippy::too_many_arguments, reason = "the parts of one camera")]
+fn add_candidates(
+    profile: &mut AreaProfile,
+    areas: &mut [f32],
+    table: &Candidates,
+    visible: &VisibleEntities,
+    settings: &ContributionCulling,
+    camera: &ContributionCamera,
+    occlusion: Option<(&OcclusionCamera, &OcclusionCounts)>,
+    viewport: f32,
+) {
+    // What was removed comes back only above the threshold by the hysteresis: it compares as one so much smaller.
+    let hysteresis = settings.hysteresis.max(1.0);
+    // What the camera's own threshold removes is not the budget's to give.
+    let own = own_threshold(settings);
+    let hidden = occlusion
+        .filter(|(_, counts)| counts.removed > 0)
+        .map(|(camera, _)| &camera.hidden);
+    let mut others = Workload::default();
+    for (i, entity) in visible.get(TypeId::of::<Mesh3d>()).iter().enumerate() {
+        let area = camera.areas.get(i).copied().unwrap_or(f32::INFINITY);
+        let Some(slot) = table.weighable(*entity) else {
+            others.objects += 1.0;
+            continue;
+        };
+        if let Some(known) = areas.get_mut(slot as usize) {
+            *known = area;
+        }
+        if hidden.is_some_and(|hidden| hidden.contains(slot)) {
+            continue;
+        }
+        let compared = if camera.removed.contains(slot) {
+            area / hysteresis
+        } else {
+            area
+        };
+        if compared < own {
+            continue;
+        }
+        let triangles = table.get(slot).map_or(0, |of| of.triangles);
+        profile.add(compared, triangles, viewport);
+    }
+    profile.add_fixed(others);
+}
+
+/// Shows where the threshold stands, and what each of its steps would lose now.
+fn show_threshold(knobs: &mut Knobs, profile: &AreaProfile, floor: f32, threshold: f32) {
+    let Some(knob) = knobs
+        .get_mut(CONTRIBUTION_AREA)
+        .filter(|_| floor.is_finite())
+    else {
+        return;
+    };
+    let from = AreaProfile::bin(floor);
+    for step in &mut knob.steps {
+        let to = AreaProfile::bin(step.value).max(from);
+        step.loss = profile.loss(from, to) as f32;
+    }
+    let stands = threshold.max(floor);
+    knob.live = Some(stands);
+    knob.at = knob
+        .steps
+        .iter()
+        .rposition(|step| step.value <= stands)
+        .unwrap_or(0);
+}
+
+/// Notes what is drawn in the end, whatever removed the rest.
+pub fn note_drawn(
+    mut budget: ResMut<Budget>,
+    table: Option<Res<Candidates>>,
+    terrain: Option<Res<TerrainStats>>,
+    cameras: Query<(&Camera, &VisibleEntities), With<FrameBudget>>,
+) {
+    let frame = budget.frame;
+    let Some(work) = budget
+        .work
+        .as_deref_mut()
+        .filter(|work| work.asked.is_some())
+    else {
+        return;
+    };
+    let mut drawn = Workload::default();
+    let mut picture = 0.0;
+    for (camera, visible) in cameras.iter().filter(|(camera, _)| camera.is_active) {
+        let viewport = viewport_px2(camera);
+        picture += f64::from(viewport);
+        for entity in visible.get(TypeId::of::<Mesh3d>()) {
+            drawn.objects += 1.0;
+            let slot = table.as_ref().and_then(|table| table.weighable(*entity));
+            let Some((slot, table)) = slot.zip(table.as_ref()) else {
+                continue;
+            };
+            drawn.triangles += table.get(slot).map_or(0.0, |of| f64::from(of.triangles));
+            let area = work.areas.get(slot as usize).copied().unwrap_or(0.0);
+            drawn.pixels += object_px(area, viewport);
+        }
+    }
+    work.controller
+        .drew(frame, drawn + rays(terrain.as_deref(), picture));
+}
+
+/// Lets cameras without a budget remove what their policy says.
+pub fn follow_policy(
+    table: Option<Res<Candidates>>,
+    mut order: Local<Vec<u32>>,
+    mut cameras: Query<
+        (
+            &WorkloadPolicy,
+            &GlobalTransform,
+            &VisibleEntities,
+            &mut ContributionCamera,
+        ),
+        Without<FrameBudget>,
+    >,
+) {
+    let Some(table) = table else {
+        return;
+    };
+    for (policy, place, visible, mut camera) in &mut cameras {
+        let list = visible.get(TypeId::of::<Mesh3d>());
+        let from = place.translation();
+        // Distance and triangles of one in the list; what may not be removed is at no distance and costs nothing.
+        let of = |i: u32| {
+            let entity = list.get(i as usize).copied();
+            let slot = entity.and_then(|entity| table.weighable(entity));
+            slot.and_then(|slot| table.get(slot))
+                .map_or((0.0, 0), |of| {
+                    let centre = of.world_from_local.transform_point3(of.volume.centre);
+                    (from.distance(centre), of.triangles)
+                })
+        };
+        // One that is compared with 1: what is below goes.
+        const GOES: f32 = 0.0;
+        match *policy {
+            WorkloadPolicy::None | WorkloadPolicy::Frustum => camera.demanded_px2 = 0.0,
+            WorkloadPolicy::Threshold(px2) => {
+                camera.demanded_px2 = if px2.is_finite() { px2.max(0.0) } else { 0.0 };
+            }
+            WorkloadPolicy::Distance(most) => {
+                camera.demanded_px2 = 1.0;
+                for (i, area) in camera.areas.iter_mut().enumerate() {
+                    let is_near = of(i as u32).0 <= most;
+                    *area = if is_near { f32::INFINITY } else { GOES };
+                }
+            }
+            WorkloadPolicy::Polygons(triangles) => {
+                camera.demanded_px2 = 1.0;
+                let len = camera.areas.len();
+                let stays = nearest_within(&mut order, of, len, triangles);
+                camera.areas.fill(f32::INFINITY);
+                for i in &order[stays..] {
+                    camera.areas[*i as usize] = GOES;
+                }
+            }
+        }
+    }
+}
+
+/// Writes the budget's entry in [`Effects`] and its diagnostics. Allocates only when the state changes in kind.
+pub fn report_budget(
+    budget: Res<Budget>,
+    knobs: Res<Knobs>,
+    mut effects: ResMut<Effects>,
+    cameras: Query<&BudgetState, With<FrameBudget>>,
+    mut diagnostics: Diagnostics,
+) {
+    let entry = effects.bypass_change_detection().entry(Effect::FrameBudget);
+    let Some(work) = budget.work.as_deref().filter(|_| !cameras.is_empty()) else {
+        if *entry != EffectState::Dormant {
+            *entry = EffectState::Dormant;
+        }
+        return;
+    };
+    let Some(asked) = &work.asked else {
+        entry.idle("no active camera asks for a time above 0: set FrameBudget::target_ms");
+        return;
+    };
+    let decision = work.controller.decision();
+    let measured = work.controller.measured_ms();
+    if let Some(ms) = measured {
+        diagnostics.add_measurement(&MEASURED_MS, || f64::from(ms));
+    }
+    if let Some(ms) = decision.predicted_ms {
+        diagnostics.add_measurement(&PREDICTED_MS, || f64::from(ms));
+    }
+    diagnostics.add_measurement(&THRESHOLD_PX2, || f64::from(decision.threshold_px2));
+    let status = BudgetStatus::from(decision.status);
+    if status == BudgetStatus::NoMeasurement {
+        entry.idle(match asked.clock {
+            BudgetClock::Given => {
+                "no frame time that can be believed: put each frame's into GivenFrameTimes"
+            }
+            _ => "no frame time that can be believed has come yet, or none for a second",
+        });
+        return;
+    }
+    let activity = entry.activity();
+    activity.cpu_ms = work.cpu_ms;
+    activity.what.clear();
+    // Writing to a string cannot fail.
+    let what = &mut activity.what;
+    let _ = match status {
+        BudgetStatus::Ample => write!(what, "ample"),
+        BudgetStatus::Short => write!(what, "out of reach with every knob at its cheapest"),
+        _ => write!(what, "held"),
+    };
+    let _ = write!(what, ": ");
+    if let Some(ms) = measured {
+        let _ = write!(what, "{ms:.2} of {:.2} ms measured", asked.target_ms);
+    }
+    if asked.clock == BudgetClock::Work {
+        let _ = write!(
+            what,
+            " ({})",
+            match work.times.bound() {
+                Bound::Cpu => "main thread",
+                Bound::Render => "render thread",
+                Bound::Gpu => "GPU",
+            }
+        );
+    }
+    if let Some(ms) = decision.predicted_ms {
+        let _ = write!(what, ", {ms:.2} ms predicted");
+    }
+    for knob in knobs.iter().filter(|knob| knob.is_moved()) {
+        let _ = write!(
+            what,
+            "; {} at {} {}",
+            knob.name,
+            knob.value().unwrap_or(0.0),
+            knob.unit
+        );
+        if knob.manual.is_some() {
+            let _ = write!(what, ", by hand");
+        }
+    }
+}
