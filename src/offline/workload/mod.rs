@@ -50,6 +50,14 @@ pub enum WorkloadError {
     /// Nothing could be drawn.
     #[error(transparent)]
     Offline(#[from] OfflineError),
+    /// The GPU has no such pictures.
+    #[error("a picture of {}x{} pixels cannot be drawn here: from 1 to {limit} a side", size.x, size.y)]
+    Size {
+        /// What was asked for. units: px
+        size: UVec2,
+        /// The longest side there may be. units: px
+        limit: u32,
+    },
     /// The scene could not be made.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -73,9 +81,8 @@ impl WorkloadError {
     /// Whether other input would have helped, rather than another machine.
     pub fn is_input(&self) -> bool {
         match self {
-            Self::Offline(OfflineError::Unsupported(_)) => true,
             Self::Offline(_) => false,
-            Self::Scene(_) | Self::Plot(_) | Self::Write { .. } | Self::NoCost => true,
+            _ => true,
         }
     }
 }

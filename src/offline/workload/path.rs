@@ -68,30 +68,31 @@ impl WorkloadPath {
 
     /// How far along the path a frame of `frames` is: from 0 up to 1. A turn's last frame is one step before its
     /// first. Frames before the first lead up to it: those of a turn turn, others stand.
-    pub fn part(self, frame: i64, frames: u32) -> f32 {
+    pub fn part(self, frame: i64, frames: u32) -> f64 {
         match self {
-            Self::Rotate => (frame as f64 / f64::from(frames.max(1))).rem_euclid(1.0) as f32,
+            Self::Rotate => (frame as f64 / f64::from(frames.max(1))).rem_euclid(1.0),
             Self::Zoom | Self::Walk => {
                 let last = f64::from(frames.saturating_sub(1).max(1));
-                (frame as f64 / last).clamp(0.0, 1.0) as f32
+                (frame as f64 / last).clamp(0.0, 1.0)
             }
         }
     }
 
     /// The angle turned by (°), the focal length as a multiple of the shortest, or the way walked (m).
-    pub fn parameter(self, scene: &Scene, part: f32) -> f64 {
+    pub fn parameter(self, scene: &Scene, part: f64) -> f64 {
         match self {
-            Self::Rotate => 360.0 * f64::from(part),
+            Self::Rotate => 360.0 * part,
             Self::Zoom => {
                 let focal = |fov: f32| 1.0 / f64::from((0.5 * fov).tan());
                 focal(self.at(scene, part).fov) / focal(self.at(scene, 0.0).fov)
             }
-            Self::Walk => f64::from(part * scene.walk[0].distance(scene.walk[1])),
+            Self::Walk => part * f64::from(scene.walk[0].distance(scene.walk[1])),
         }
     }
 
     /// The camera at a part of the path.
-    pub fn at(self, scene: &Scene, part: f32) -> Pose {
+    pub fn at(self, scene: &Scene, part: f64) -> Pose {
+        let part = part as f32;
         let fov = scene.projection().fov;
         let middle = scene.view("middle");
         match self {

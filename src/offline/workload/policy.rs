@@ -105,7 +105,9 @@ impl FromStr for Policy {
 #[derive(Component, Clone, Copy, Debug)]
 pub struct Triangles(pub u32);
 
-/// On a camera: of the objects in view, which are drawn.
+/// On a camera: of the objects in view, which are drawn. Unlike
+/// [`WorkloadPolicy`](crate::budget::WorkloadPolicy) it goes by the nearest point of a bound rather than by its middle,
+/// or the ground would go before what stands on it; and it measures no areas, which the baselines do not need.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
 pub(super) enum Keep {
     /// The nearest, until the next would make it more triangles than these.

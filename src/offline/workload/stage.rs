@@ -4,7 +4,7 @@ use core::any::TypeId;
 
 use bevy::{
     camera::{
-        primitives::Aabb,
+        primitives::{Aabb, Frustum},
         visibility::{NoFrustumCulling, VisibleEntities},
     },
     platform::time::Instant,
@@ -12,6 +12,7 @@ use bevy::{
 };
 
 use super::{
+    WorkloadError,
     cost::{Cost, Drawn},
     path::{Pose, WorkloadPath},
     policy::{Keep, Policy, PolicyPlugin, Triangles, distance_m},
@@ -94,18 +95,14 @@ impl WorkloadStage {
     /// Opens a device and spawns a scene.
     ///
     /// # Errors
-    /// [`OfflineError`], [`Unsupported`](OfflineError::Unsupported) where the picture is larger than the GPU can
-    /// draw.
-    pub fn new(scene: Scene, size: UVec2) -> Result<Self, OfflineError> {
+    /// [`WorkloadError::Offline`] without a GPU, [`WorkloadError::Size`] where it cannot draw such a picture.
+    pub fn new(scene: Scene, size: UVec2) -> Result<Self, WorkloadError> {
         let mut offline = Offline::with(|app| {
             app.add_plugins(PolicyPlugin);
         })?;
         let limit = offline.max_image_side();
         if size.max_element() > limit || size.min_element() == 0 {
-            return Err(OfflineError::Unsupported(format!(
-                "a picture of {}x{} pixels cannot be drawn: from 1 to {limit} a side",
-                size.x, size.y
-            )));
+            return Err(WorkloadError::Size { size, limit });
         }
         let world = offline.app.world_mut();
         let entities = scene.spawn(world, Look::Shaded);
@@ -254,14 +251,20 @@ impl WorkloadStage {
             )
         });
         let most = self.size.as_dvec2().element_product();
+        // Without frustum culling what is beside the camera is drawn, too, and covers nothing; its rectangle can.
+        let frustum = world.get::<Frustum>(self.camera).filter(|_| self.unculled);
         list.iter().filter_map(move |&entity| {
             world.get::<SceneObject>(entity)?;
             let triangles = world.get::<Triangles>(entity)?;
             let place = world.get::<GlobalTransform>(entity)?;
             let bound = world.get::<Aabb>(entity)?;
-            let area_px2 = view.as_ref().map_or(f32::INFINITY, |view| {
-                view.area_px2(&place.affine(), &LocalBox::from(*bound))
+            let out = frustum.is_some_and(|frustum| {
+                !frustum.intersects_obb(bound, &place.affine(), true, false)
             });
+            let area_px2 = match view.as_ref().filter(|_| !out) {
+                Some(view) => view.area_px2(&place.affine(), &LocalBox::from(*bound)),
+                None => 0.0,
+            };
             let seen = Seen {
                 distance_m: distance_m(eye, place, bound),
                 area_px2,
