@@ -80,10 +80,7 @@ pub enum WorkloadError {
 impl WorkloadError {
     /// Whether other input would have helped, rather than another machine.
     pub fn is_input(&self) -> bool {
-        match self {
-            Self::Offline(_) => false,
-            _ => true,
-        }
+        !matches!(self, Self::Offline(_))
     }
 }
 

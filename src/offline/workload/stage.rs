@@ -115,6 +115,10 @@ impl WorkloadStage {
         }
         let target = offline.target(size);
         let camera = offline.camera(&target, eye(&scene, Look::Shaded, true));
+        // Bevy gives no bounds to what is not to be culled: all have theirs before any policy begins.
+        for _ in 0..SETTLE_FRAMES {
+            offline.step();
+        }
         Ok(Self {
             offline,
             scene,
