@@ -355,7 +355,11 @@ impl Controller {
         let missed = loss_for(target).is_infinite();
         note_savings(knobs, &with_step, predicted);
         let can_move = knobs.iter().any(|knob| {
-            knob.manual.is_none() && !knob.is_continuous && knob.cheaper_step().is_some()
+            knob.manual.is_none()
+                && !knob.is_continuous
+                && knob
+                    .cheaper_step()
+                    .is_some_and(|to| !knob.saves_nothing(to))
         });
         let is_best = knobs
             .iter()

@@ -25,7 +25,10 @@ const RESERVE_OF_TARGET: f64 = 0.02;
 pub(crate) const MEASURED_FOR: u64 = 16;
 /// Frames within which a step taken again was given back too soon.
 const TOO_SOON: u64 = 240;
-/// The longest that giving back waits, in times of [`RETURNED`].
+/// Frames after which a step that saved nothing is tried again: there may be something to save by then. Longer each
+/// time.
+const FORGOTTEN: u64 = 1_800;
+/// The longest that giving back or trying again waits, in times of what it does at first.
 const LONGEST: u32 = 64;
 
 /// How the frame stands.
@@ -117,6 +120,9 @@ impl Ladder {
                 knob.patience = (2 * knob.patience).min(LONGEST);
             }
         } else {
+            if knob.saves_nothing(made.from) {
+                knob.patience = (2 * knob.patience).min(LONGEST);
+            }
             knob.given_back = Some(now.frame);
         }
         knob.at = made.to;
@@ -188,7 +194,11 @@ fn choose(knobs: &[Knob], now: &Situation) -> Option<Choice> {
             let loss = knob.loss_at(to) - knob.loss_at(knob.at);
             let saved = now.predicted_ms - (now.with_step)(knob, to);
             let relieved = lost - (now.loss_for)(now.target_ms + saved);
-            if knob.saves_nothing(to) || saved <= 0.0 {
+            let is_known_useless = knob.saves_nothing(to)
+                && knob.given_back.is_some_and(|at| {
+                    now.frame.saturating_sub(at) < FORGOTTEN * u64::from(knob.patience)
+                });
+            if is_known_useless || saved <= 0.0 {
                 // Not this way.
             } else if lost.is_infinite() {
                 // Whatever helps, the least loss for the time first.

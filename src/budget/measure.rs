@@ -7,7 +7,8 @@
 //! time; else the first two follow each other and count together.
 //!
 //! Each time is put down to its own frame. Bevy does not say which frame GPU times are of: they are taken for those of
-//! [`GPU_AGE`] frames ago, one off at most.
+//! [`GPU_AGE`] frames ago. Where that is a frame off, a workload that jumps looks like a frame far off, which feedback
+//! passes over.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -165,10 +166,13 @@ impl FrameTimes {
     }
 }
 
+/// A frame, and what it took. units: ms
+type Timed = Option<(u64, f32)>;
+
 /// Times of the render world's last frames, by frame, on their way to the main world. units: ms
 #[derive(Resource, Clone, Default)]
 pub struct RenderClock {
-    times: Arc<Mutex<[Option<(u64, f32)>; KEPT]>>,
+    times: Arc<Mutex<[Timed; KEPT]>>,
     /// Whether there is a render world.
     runs: bool,
 }

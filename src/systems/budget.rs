@@ -65,6 +65,7 @@ type Display<'w, 's> = (
 );
 
 /// Starts the clock, and takes in what became known of past frames.
+#[expect(clippy::too_many_arguments, reason = "each is a source of times")]
 pub fn begin(
     mut budget: ResMut<Budget>,
     mut given: ResMut<GivenFrameTimes>,

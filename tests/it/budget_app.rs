@@ -6,7 +6,8 @@ use core::{any::TypeId, f32::consts::TAU};
 use bevy::{camera::visibility::VisibleEntities, prelude::*};
 use bevy_skyline::{
     budget::{
-        AppKnobs, Budget, Knob, KnobCost, KnobOn, Knobs, WorkloadPolicy, policy::nearest_within,
+        AppKnobs, Budget, BudgetStatus, GivenFrameTimes, Knob, KnobCost, KnobOn, Knobs,
+        WorkloadPolicy, policy::nearest_within,
     },
     occlusion::OccludeeVolume,
     offline::Offline,
