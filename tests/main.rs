@@ -20,6 +20,8 @@ mod cli_occlusion;
 #[path = "it/cli_shadow.rs"]
 mod cli_shadow;
 #[cfg(feature = "cli")]
+#[path = "it/cli_workload.rs"]
+mod cli_workload;
 #[path = "it/contribution.rs"]
 mod contribution;
 #[cfg(feature = "cli")]
@@ -87,6 +89,9 @@ mod terrain_shadow_app;
 mod terrain_shadow_twin;
 #[path = "it/twin.rs"]
 mod twin;
+#[cfg(feature = "cli")]
+#[path = "it/workload.rs"]
+mod workload;
 
 /// A headless app, or `None` with the reason printed where this machine has no device at all.
 #[cfg(feature = "cli")]

@@ -11,10 +11,13 @@ use bevy::math::{DVec3, UVec2};
 use bevy_skyline::{
     offline::{
         TRAVERSALS,
-        accuracy::{AccuracyError, occlusion, scene::mountains, shadow, terrain},
+        accuracy::{
+            AccuracyError, budget, contribution, occlusion, scene::mountains, shadow, terrain,
+        },
         render::{Figures, RenderError, Shot, Sun, render},
         shadow::METHODS,
         shadow_map::{self, MapError, MapFigures, MapLight, MapShot},
+        workload::{self, Clock, Cost, Policies, WorkloadError, WorkloadPath},
     },
     terrain::{
         HeightField, HeightFieldLoadError, HeightFieldNote, HeightFieldSettings, TerrainRayCasting,
@@ -25,7 +28,7 @@ use bevy_skyline::{
 use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use serde::Serialize;
 
-/// Ray-cast terrain: pictures, depth, shadow maps and what accuracy costs.
+/// Ray-cast terrain, culling and frame times: pictures, depth, shadow maps, workloads and what accuracy costs.
 #[derive(Parser)]
 #[command(name = "skyline", version)]
 struct Cli {
@@ -41,6 +44,55 @@ enum Command {
     Shadow(ShadowArgs),
     /// Measure what accuracy costs: time and error of every setting, with plots and a page that shows them.
     Accuracy(AccuracyArgs),
+    /// Measure the frame times of a city along a path of the camera: a row a frame, and a plot of all policies.
+    Workload(WorkloadArgs),
+}
+
+/// Scenes that workloads are measured on.
+#[derive(ValueEnum, Clone, Copy)]
+enum WorkloadScene {
+    /// A furnished city.
+    City,
+}
+
+#[derive(Args)]
+struct WorkloadArgs {
+    /// What is shown.
+    #[arg(long, value_enum, default_value_t = WorkloadScene::City)]
+    scene: WorkloadScene,
+    /// City (.glb, a node and mesh a building); else one made by code. Either is furnished to at least 1.3 million
+    /// triangles.
+    #[arg(long, value_name = "F.glb")]
+    city: Option<PathBuf>,
+    /// A small city made by code: seconds rather than minutes.
+    #[arg(long)]
+    quick: bool,
+    /// How the camera moves: rotate (a full turn on the spot), zoom or walk.
+    #[arg(long)]
+    path: WorkloadPath,
+    /// What a frame may take, in milliseconds.
+    #[arg(long, value_name = "T", value_parser = positive, allow_hyphen_values = true)]
+    target_ms: f32,
+    /// What decides what is drawn: none, frustum, polygons:N (the nearest, until N triangles), distance:M (metres),
+    /// threshold:A (square pixels), budget, or all of them, the baselines at the budget's mean.
+    #[arg(long, value_parser = policies)]
+    policy: Policies,
+    /// Frames of the path [default: 180, with --quick 36].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: Option<u32>,
+    /// Pixels of the picture.
+    #[arg(long, value_name = "WxH", default_value = "320x180", value_parser = size, allow_hyphen_values = true)]
+    size: UVec2,
+    /// Which time the budget holds: time (the wall clock) or counted (what was drawn).
+    #[arg(long, default_value = "time", value_parser = clock)]
+    clock: Clock,
+    /// What is counted for an object, a triangle, a square pixel of bounds and a frame, in milliseconds; else it is
+    /// learned from measured frames.
+    #[arg(long, value_name = "A,B,C,D", allow_hyphen_values = true)]
+    cost: Option<Cost>,
+    /// The table to write; with --policy all the plot goes beside it, as a .png.
+    #[arg(long, value_name = "F.csv")]
+    out: PathBuf,
 }
 
 #[derive(Args)]
@@ -58,17 +110,18 @@ struct AccuracyArgs {
     /// Triangle mesh (.obj) that occlusion is measured with; else a shape made by code.
     #[arg(long, value_name = "F.obj")]
     model: Option<PathBuf>,
-    /// City (.glb, a node and mesh a building) that occlusion is measured in; else one made by code.
+    /// City (.glb, a node and mesh a building) that occlusion, contribution and budget are measured in; else one made
+    /// by code.
     #[arg(long, value_name = "F.glb")]
     city: Option<PathBuf>,
     /// Scenes that occlusion is measured on: city, bunnies, seabed, with commas between; else all.
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = scene)]
     scenes: Vec<occlusion::SceneKind>,
-    /// Frames of each camera path that occlusion is measured on [default: 40, with --quick 6]; from 100 on with the
-    /// default settings only.
+    /// Frames of each camera path [default: occlusion 40, contribution 30, budget 180; with --quick 6, 12, 36].
+    /// Occlusion is measured on paths of 100 and more with its default settings only.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     path_frames: Option<u32>,
-    /// How often each setting has its turn to be timed.
+    /// How often each setting of occlusion or contribution has its turn to be timed.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     rounds: Option<u32>,
     /// Measure occlusion only with settings that change one thing, as --quick does.
@@ -88,6 +141,10 @@ enum AccuracyEffect {
     Shadow,
     /// Occlusion culling (P2).
     Occlusion,
+    /// Contribution culling (P4).
+    Contribution,
+    /// The frame budget, against P4's baselines.
+    Budget,
 }
 
 #[derive(Args)]
@@ -246,6 +303,8 @@ enum CliError {
     Map(#[from] MapError),
     #[error(transparent)]
     Accuracy(#[from] AccuracyError),
+    #[error(transparent)]
+    Workload(#[from] WorkloadError),
 }
 
 impl CliError {
@@ -255,6 +314,7 @@ impl CliError {
             Self::Render(error) if !error.is_input() => 1,
             Self::Map(error) if !error.is_input() => 1,
             Self::Accuracy(error) if !error.is_input() => 1,
+            Self::Workload(error) if !error.is_input() => 1,
             _ => 2,
         }
     }
@@ -310,19 +370,120 @@ fn run() -> Result<(), CliError> {
         Command::Render(args) => run_render(&args),
         Command::Shadow(args) => run_shadow(&args),
         Command::Accuracy(args) => run_accuracy(&args),
+        Command::Workload(args) => run_workload(&args),
     }
 }
 
-fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
+fn run_workload(args: &WorkloadArgs) -> Result<(), CliError> {
+    let usage = |text: &str| Err(CliError::Usage(text.into()));
+    if args.quick && args.city.is_some() {
+        return usage("--quick takes a small city made by code: leave out --city, or --quick");
+    }
+    if args.size.min_element() == 0 {
+        return usage("--size must be at least one pixel a side");
+    }
+    check_writable(&args.out)?;
+    if args.policy == Policies::All {
+        let plot = args.out.with_extension("png");
+        if plot == args.out {
+            return usage(
+                "--out is the table, and with --policy all its .png is the plot: name it .csv",
+            );
+        }
+        check_writable(&plot)?;
+    }
+    let WorkloadScene::City = args.scene;
+    let plan = workload::Plan {
+        path: args.path,
+        frames: args.frames.unwrap_or(if args.quick { 36 } else { 180 }),
+        target_ms: f64::from(args.target_ms),
+        policies: args.policy,
+        clock: args.clock,
+        cost: args.cost,
+        size: args.size,
+        city: args.city.clone(),
+        quick: args.quick,
+    };
+    print_json(&workload::measure(&plan, &args.out)?);
+    Ok(())
+}
+
+/// What has no height field takes none.
+fn refuse_field(args: &AccuracyArgs, takes: &str) -> Result<(), CliError> {
     let field = args.heightmap.is_some()
         || args.scale.spacing.is_some()
         || args.scale.height_range.is_some();
     if field {
+        return Err(CliError::Usage(format!(
+            "--heightmap, --spacing and --height-range are for terrain: {takes}"
+        )));
+    }
+    Ok(())
+}
+
+/// What is measured in a furnished city takes no more of occlusion's flags than these.
+fn refuse_occlusion(args: &AccuracyArgs, effect: &str) -> Result<(), CliError> {
+    if args.model.is_some() || !args.scenes.is_empty() || args.few_settings {
+        return Err(CliError::Usage(format!(
+            "--model, --scenes and --few-settings are for occlusion: {effect} takes a --city"
+        )));
+    }
+    if args.quick && args.city.is_some() {
         return Err(CliError::Usage(
-            "--heightmap, --spacing and --height-range are for terrain: occlusion takes --city and --model"
+            "--quick takes a small city made by code: leave out --city, or --quick".into(),
+        ));
+    }
+    Ok(())
+}
+
+fn run_contribution(args: &AccuracyArgs) -> Result<(), CliError> {
+    refuse_field(args, "contribution takes a --city")?;
+    refuse_occlusion(args, "contribution")?;
+    let base = if args.quick {
+        contribution::Plan::quick()
+    } else {
+        contribution::Plan::full()
+    };
+    if args.path_frames == Some(1) {
+        return Err(CliError::Usage(
+            "--path-frames must be at least 2 for contribution: flicker is from frame to frame"
                 .into(),
         ));
     }
+    let plan = contribution::Plan {
+        city: args.city.clone(),
+        path_frames: args.path_frames.unwrap_or(base.path_frames),
+        rounds: args.rounds.map_or(base.rounds, |rounds| rounds as usize),
+        ..base
+    };
+    print_json(&contribution::measure(&plan, &args.out)?);
+    Ok(())
+}
+
+fn run_budget(args: &AccuracyArgs) -> Result<(), CliError> {
+    refuse_field(args, "budget takes a --city")?;
+    refuse_occlusion(args, "budget")?;
+    if args.rounds.is_some() {
+        return Err(CliError::Usage(
+            "--rounds are for occlusion and contribution: budget takes --path-frames".into(),
+        ));
+    }
+    let base = if args.quick {
+        budget::Plan::quick()
+    } else {
+        budget::Plan::full()
+    };
+    let plan = budget::Plan {
+        city: args.city.clone(),
+        path_frames: args.path_frames.unwrap_or(base.path_frames),
+        ..base
+    };
+    print_json(&budget::measure(&plan, &args.out)?);
+    Ok(())
+}
+
+fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
+    refuse_field(args, "occlusion takes --city and --model")?;
     let base = if args.quick {
         occlusion::Plan::quick()
     } else {
@@ -347,9 +508,13 @@ fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
 }
 
 fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
-    if matches!(args.effect, AccuracyEffect::Occlusion) {
-        return run_occlusion(args);
-    }
+    let of_shadow = match args.effect {
+        AccuracyEffect::Occlusion => return run_occlusion(args),
+        AccuracyEffect::Contribution => return run_contribution(args),
+        AccuracyEffect::Budget => return run_budget(args),
+        AccuracyEffect::Terrain => false,
+        AccuracyEffect::Shadow => true,
+    };
     let of_occlusion = args.model.is_some()
         || args.city.is_some()
         || !args.scenes.is_empty()
@@ -358,7 +523,7 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
         || args.few_settings;
     if of_occlusion {
         return Err(CliError::Usage(
-            "--model, --city, --scenes, --path-frames, --rounds and --few-settings are for occlusion: terrain and shadow take a --heightmap"
+            "--model, --city, --scenes, --path-frames, --rounds and --few-settings are for what is measured in a city: terrain and shadow take a --heightmap"
                 .into(),
         ));
     }
@@ -375,33 +540,29 @@ fn run_accuracy(args: &AccuracyArgs) -> Result<(), CliError> {
                         .into(),
                 ));
             }
-            let samples = match args.effect {
+            let samples = match of_shadow {
                 _ if args.quick => 257,
-                AccuracyEffect::Terrain => 1025,
-                AccuracyEffect::Shadow | AccuracyEffect::Occlusion => 4096,
+                false => 1025,
+                true => 4096,
             };
             let field = mountains(samples).map_err(AccuracyError::from)?;
             (field, Vec::new(), "made_by_code".to_owned())
         }
     };
-    let summary = match args.effect {
-        AccuracyEffect::Terrain => {
-            let plan = if args.quick {
-                terrain::Plan::quick()
-            } else {
-                terrain::Plan::full()
-            };
-            terrain::measure(field, &name, &plan, &args.out)?
-        }
-        AccuracyEffect::Shadow => {
-            let plan = if args.quick {
-                shadow::Plan::quick()
-            } else {
-                shadow::Plan::full()
-            };
-            shadow::measure(field, &name, &plan, &args.out)?
-        }
-        AccuracyEffect::Occlusion => return run_occlusion(args),
+    let summary = if of_shadow {
+        let plan = if args.quick {
+            shadow::Plan::quick()
+        } else {
+            shadow::Plan::full()
+        };
+        shadow::measure(field, &name, &plan, &args.out)?
+    } else {
+        let plan = if args.quick {
+            terrain::Plan::quick()
+        } else {
+            terrain::Plan::full()
+        };
+        terrain::measure(field, &name, &plan, &args.out)?
     };
     if let Some(path) = &args.heightmap {
         tell(path, notes);
@@ -646,6 +807,20 @@ fn scene(text: &str) -> Result<occlusion::SceneKind, String> {
         .find(|(_, name)| *name == text)
         .map(|(kind, _)| *kind)
         .ok_or_else(|| "expected city, bunnies or seabed".into())
+}
+
+fn policies(text: &str) -> Result<Policies, String> {
+    match text {
+        "all" => Ok(Policies::All),
+        _ => text.parse().map(Policies::One),
+    }
+}
+
+fn clock(text: &str) -> Result<Clock, String> {
+    [Clock::Time, Clock::Counted]
+        .into_iter()
+        .find(|clock| clock.name() == text)
+        .ok_or_else(|| "expected time or counted".into())
 }
 
 fn number(text: &str) -> Result<f64, String> {

@@ -7,6 +7,7 @@ pub mod render;
 pub mod scenes;
 pub mod shadow;
 pub mod shadow_map;
+pub mod workload;
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},

@@ -17,6 +17,11 @@ pub struct PlotError {
     pub reason: String,
 }
 
+/// Size of a [`LinePlot`]. units: px
+const SIZE: (u32, u32) = (1100, 700);
+/// From so many points on, lines have no dots.
+const MANY_POINTS: usize = 60;
+
 type Canvas<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
 
 const GREY_300: RGBColor = RGBColor(224, 224, 224);
@@ -205,13 +210,21 @@ impl LinePlot {
     }
 
     fn draw(&self, path: &Path) -> Result<(), String> {
+        let root = BitMapBackend::new(path, SIZE).into_drawing_area();
+        self.draw_on(&root)?;
+        root.present().map_err(|error| error.to_string())
+    }
+
+    fn draw_on(&self, root: &Canvas) -> Result<(), String> {
         let words = |error: &dyn std::fmt::Display| error.to_string();
-        let root = BitMapBackend::new(path, (1100, 700)).into_drawing_area();
         root.fill(&WHITE).map_err(|e| words(&e))?;
+        // Text is placed within this plot, charts within the whole picture.
+        let (left, above) = root.get_base_pixel();
+        let within = |(x, y): (i32, i32)| (x - left, y - above);
         let all = || self.series.iter().flat_map(|series| &series.points);
         let (x_low, x_high, x_ticks) = self.x.ticks(all().map(|point| point.0));
         let (y_low, y_high, y_ticks) = self.y.ticks(all().map(|point| point.1));
-        let mut chart = ChartBuilder::on(&root)
+        let mut chart = ChartBuilder::on(root)
             .margin_top(60)
             .margin_right(30)
             .margin_bottom(10)
@@ -253,7 +266,11 @@ impl LinePlot {
                     ))
                     .map_err(|e| words(&e))?;
             }
-            let radius = if series.quoted { 3 } else { 5 };
+            let radius = match series.points.len() {
+                MANY_POINTS.. => 1,
+                _ if series.quoted => 3,
+                _ => 5,
+            };
             chart
                 .draw_series(
                     points
@@ -282,12 +299,12 @@ impl LinePlot {
                     )
                 })
             })
-            .map(|place| chart.backend_coord(&place))
+            .map(|place| within(chart.backend_coord(&place)))
             .collect();
         for &x in &x_ticks {
-            let (px, py) = chart.backend_coord(&(x, y_low));
+            let (px, py) = within(chart.backend_coord(&(x, y_low)));
             text(
-                &root,
+                root,
                 &self.x.tick_label(x),
                 (px, py + 16),
                 Anchor::Middle,
@@ -297,9 +314,9 @@ impl LinePlot {
             )?;
         }
         for &y in &y_ticks {
-            let (px, py) = chart.backend_coord(&(x_low, y));
+            let (px, py) = within(chart.backend_coord(&(x_low, y)));
             text(
-                &root,
+                root,
                 &self.y.tick_label(y),
                 (px - 8, py),
                 Anchor::Right,
@@ -309,7 +326,7 @@ impl LinePlot {
             )?;
         }
         text(
-            &root,
+            root,
             &self.title,
             (550, 28),
             Anchor::Middle,
@@ -318,7 +335,7 @@ impl LinePlot {
             &BLACK,
         )?;
         text(
-            &root,
+            root,
             &self.x.label,
             (610, 672),
             Anchor::Middle,
@@ -327,7 +344,7 @@ impl LinePlot {
             &GREY_600,
         )?;
         text(
-            &root,
+            root,
             &self.y.label,
             (18, 350),
             Anchor::Middle,
@@ -335,8 +352,7 @@ impl LinePlot {
             2,
             &GREY_600,
         )?;
-        self.legend(&root, &drawn)?;
-        root.present().map_err(|e| words(&e))
+        self.legend(root, &drawn)
     }
 
     /// Names of the series, in their colours, in the corner where the fewest of `drawn` would be covered.
@@ -392,6 +408,25 @@ impl LinePlot {
         }
         Ok(())
     }
+}
+
+/// Draws plots to one PNG file, each of 1100×700 pixels, below each other.
+///
+/// # Errors
+/// [`PlotError`], with the file's name.
+pub fn write_stacked(path: &Path, plots: &[LinePlot]) -> Result<(), PlotError> {
+    let drawn = || {
+        let height = SIZE.1 * plots.len().max(1) as u32;
+        let root = BitMapBackend::new(path, (SIZE.0, height)).into_drawing_area();
+        for (plot, part) in plots.iter().zip(root.split_evenly((plots.len().max(1), 1))) {
+            plot.draw_on(&part)?;
+        }
+        root.present().map_err(|error| error.to_string())
+    };
+    drawn().map_err(|reason| PlotError {
+        file: path.display().to_string(),
+        reason,
+    })
 }
 
 /// One picture of a number per pixel.

@@ -82,7 +82,7 @@ fn distance_to(covered: bool, at: UVec2, coverage: &[bool], size: UVec2) -> f64 
 }
 
 /// Mean FLIP error of two pictures of one size, as seen at 67 pixels a degree.
-fn flip_mean(reference: &image::RgbImage, test: &image::RgbImage) -> f64 {
+pub(super) fn flip_mean(reference: &image::RgbImage, test: &image::RgbImage) -> f64 {
     if reference == test {
         return 0.0;
     }

@@ -1,6 +1,8 @@
 //! What accuracy costs: time and error of every setting, measured in one run on one machine, and the files that
 //! show them. `skyline accuracy`.
 
+pub mod budget;
+pub mod contribution;
 mod difference;
 pub mod occlusion;
 mod report;
@@ -34,6 +36,9 @@ pub enum AccuracyError {
     /// The scene could not be made.
     #[error(transparent)]
     Scene(#[from] super::scenes::SceneError),
+    /// A workload could not be measured.
+    #[error(transparent)]
+    Workload(#[from] super::workload::WorkloadError),
 }
 
 impl From<OfflineError> for AccuracyError {
@@ -47,6 +52,7 @@ impl AccuracyError {
     pub fn is_input(&self) -> bool {
         match self {
             Self::Render(error) => error.is_input(),
+            Self::Workload(error) => error.is_input(),
             Self::Report(_) | Self::Plot(_) | Self::Scene(_) => true,
             Self::Field(_) => false,
         }

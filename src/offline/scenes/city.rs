@@ -7,6 +7,7 @@ use bevy::prelude::*;
 use super::{
     Object, Scene, SceneError, Shuttle, View,
     city_file::{self, Building},
+    furniture,
     shapes::{self, Faces},
     streets::{Ground, Spot},
 };
@@ -18,22 +19,44 @@ const EYE_M: f32 = 1.7;
 const STREET_SHARE: f32 = 0.4;
 /// Boxes that drive through the streets.
 const OCCLUDERS: usize = 8;
+/// Objects that furnish a full city beside its buildings.
+const FULL_FURNITURE: usize = 7_500;
 
 /// How large a city is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CitySize {
     /// For tests: a few hundred objects.
     Small,
+    /// To be [`furnished`]: several thousand.
+    Medium,
     /// For measuring: more than 10,000.
     Full,
 }
 
 impl CitySize {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Small => "small_generated_city",
+            Self::Medium => "medium_generated_city",
+            Self::Full => "generated_city",
+        }
+    }
+
     /// Blocks along x and z, of [`LOTS`] buildings each.
     fn blocks(self) -> UVec2 {
         match self {
             Self::Small => UVec2::new(6, 5),
+            Self::Medium => UVec2::new(20, 16),
             Self::Full => UVec2::new(34, 26),
+        }
+    }
+
+    /// The blocks of a [`furnished`] city that a park takes: the lowest corner, and the one past the highest.
+    fn park(self) -> [UVec2; 2] {
+        match self {
+            Self::Small => [UVec2::new(4, 1), UVec2::new(5, 3)],
+            Self::Medium => [UVec2::new(12, 6), UVec2::new(16, 10)],
+            Self::Full => [UVec2::new(20, 11), UVec2::new(26, 17)],
         }
     }
 
@@ -41,6 +64,7 @@ impl CitySize {
     pub fn objects(self) -> usize {
         match self {
             Self::Small => 450,
+            Self::Medium => 5_000,
             Self::Full => 12_000,
         }
     }
@@ -61,11 +85,46 @@ pub fn from_file(path: &Path) -> Result<Scene, SceneError> {
     let (buildings, paints) = city_file::read(path)?;
     let stem = path.file_stem().unwrap_or(path.as_os_str());
     let name = stem.to_string_lossy().into_owned();
-    Ok(furnish(name, buildings, paints, CitySize::Full.objects()))
+    Ok(furnish(name, buildings, paints, CitySize::Full.objects()).0)
+}
+
+/// The same with furniture of many sizes and shapes: trees with leaves, vehicles, railings, what stands on roofs. At
+/// least 1.3 million triangles in at least 10,000 objects, where the buildings leave room for them, most of them in
+/// small objects.
+///
+/// # Errors
+/// [`SceneError`].
+pub fn furnished_from_file(path: &Path) -> Result<Scene, SceneError> {
+    let (buildings, paints) = city_file::read(path)?;
+    let stem = path.file_stem().unwrap_or(path.as_os_str());
+    let name = format!("{}_furnished", stem.to_string_lossy());
+    let count = buildings.len();
+    let (scene, ground) = furnish(name, buildings, paints, CitySize::Medium.objects());
+    Ok(furniture::add(scene, &ground, count, FULL_FURNITURE))
+}
+
+/// The generated city with a park and the same furniture. From [`CitySize::Medium`] on at least 1.3 million triangles
+/// in at least 10,000 objects.
+pub fn furnished(size: CitySize) -> Scene {
+    let (buildings, paints) = buildings(size, Some(size.park()));
+    let count = buildings.len();
+    let name = format!("{}_furnished", size.name());
+    let (scene, ground) = furnish(name, buildings, paints, 0);
+    let furniture = match size {
+        CitySize::Small => FULL_FURNITURE / 10,
+        CitySize::Medium | CitySize::Full => FULL_FURNITURE,
+    };
+    furniture::add(scene, &ground, count, furniture)
 }
 
 /// A city on a street grid: towers towards its middle, setbacks, round towers, low houses.
 pub fn generated(size: CitySize) -> Scene {
+    let (buildings, paints) = buildings(size, None);
+    furnish(size.name().into(), buildings, paints, size.objects()).0
+}
+
+/// Buildings but for those of some blocks, and their colours.
+fn buildings(size: CitySize, park: Option<[UVec2; 2]>) -> (Vec<Building>, Vec<Color>) {
     let blocks = size.blocks();
     let pitch = BLOCK_M + STREET_M;
     let lot = BLOCK_M / LOTS.as_vec2();
@@ -73,6 +132,9 @@ pub fn generated(size: CitySize) -> Scene {
     for index in 0..blocks.x * blocks.y * LOTS.x * LOTS.y {
         let lot_at = UVec2::new(index % (blocks.x * LOTS.x), index / (blocks.x * LOTS.x));
         let block = lot_at / LOTS;
+        if park.is_some_and(|[from, to]| block.cmpge(from).all() && block.cmplt(to).all()) {
+            continue;
+        }
         let middle = (block.as_vec2() - 0.5 * (blocks.as_vec2() - 1.0)) * pitch
             + ((lot_at % LOTS).as_vec2() - 0.5 * (LOTS.as_vec2() - 1.0)) * lot;
         let draw = |salt| unit(index, salt);
@@ -92,11 +154,7 @@ pub fn generated(size: CitySize) -> Scene {
         Color::linear_rgb(0.62, 0.58, 0.5),
         Color::linear_rgb(0.5, 0.56, 0.62),
     ];
-    let name = match size {
-        CitySize::Small => "small_generated_city",
-        CitySize::Full => "generated_city",
-    };
-    furnish(name.into(), buildings, paints, size.objects())
+    (buildings, paints)
 }
 
 /// Up to four storeys of setbacks, some of them round.
@@ -122,13 +180,14 @@ fn tower(half: Vec2, height_m: f32, draw: [f32; 3]) -> Mesh {
     faces.mesh()
 }
 
-/// Ground, street furniture, moving boxes, views and ways for any buildings.
+/// Ground, street furniture, moving boxes, views and ways for any buildings; the buildings are the first objects, each
+/// with the mesh of its own number.
 fn furnish(
     name: String,
     buildings: Vec<Building>,
     mut paints: Vec<Color>,
     least_objects: usize,
-) -> Scene {
+) -> (Scene, Ground) {
     let roofs = buildings.iter().flat_map(|building| {
         let at = building.at;
         shapes::corners(&building.mesh)
@@ -235,7 +294,7 @@ fn furnish(
     let span = high - low;
     let roof = highest + Vec3::Y * 3.0;
     let above = middle + Vec3::new(0.0, 0.9 * span.x.max(1.6 * span.z), 0.0);
-    Scene {
+    let scene = Scene {
         name,
         meshes,
         paints,
@@ -249,11 +308,12 @@ fn furnish(
         walk,
         bounds: [low, high],
         stride_m: 0.05,
-    }
+    };
+    (scene, ground)
 }
 
 /// So many places along the streets, evenly picked: the pavement first, then the kerb, then the carriageway.
-fn along_streets(ground: &Ground, count: usize) -> Vec<Spot> {
+pub(super) fn along_streets(ground: &Ground, count: usize) -> Vec<Spot> {
     let mut spots = Vec::new();
     for distance_m in [2.5, 5.0, 7.5] {
         spots.extend(ground.spots(distance_m));
@@ -297,6 +357,6 @@ fn kiosk() -> Mesh {
 }
 
 /// A random number of 0 to 1.
-fn unit(index: u32, salt: u32) -> f32 {
+pub(super) fn unit(index: u32, salt: u32) -> f32 {
     0.5 + 0.5 * lattice(index as i32, 1, salt)
 }

@@ -4,6 +4,7 @@
 //! | Scene | What hides | After |
 //! |---|---|---|
 //! | [`city`] | thousands of buildings of very different sizes hide each other along streets | – |
+//! | [`city::furnished`] | the same with thousands of small things of many triangles | P4 |
 //! | [`bunnies`] | a grid of detailed models, the front rows before the others | P2, Fig. 16, Table 1 |
 //! | [`seabed`] | ground in 256 blocks, hidden behind its own ridges | P2, Fig. 17 |
 
@@ -11,6 +12,7 @@ pub mod bunnies;
 pub mod city;
 mod city_file;
 pub mod compare;
+mod furniture;
 pub mod ids;
 pub mod obj;
 pub mod paths;
@@ -192,11 +194,16 @@ pub struct SceneObject(pub usize);
 impl Scene {
     /// Triangles of all objects.
     pub fn triangles(&self) -> usize {
-        let of_mesh: Vec<usize> = self.meshes.iter().map(shapes::triangles).collect();
+        let of_mesh = self.triangles_of_meshes();
         self.objects
             .iter()
             .map(|object| of_mesh.get(object.mesh).copied().unwrap_or(0))
             .sum()
+    }
+
+    /// Triangles of each of its meshes.
+    pub fn triangles_of_meshes(&self) -> Vec<usize> {
+        self.meshes.iter().map(shapes::triangles).collect()
     }
 
     /// The view of that name, else the first.

@@ -72,6 +72,33 @@ impl Faces {
         }
     }
 
+    /// Takes in another mesh, turned, moved and scaled evenly.
+    pub(super) fn add(&mut self, other: Self, place: Transform) {
+        let first = self.positions.len() as u32;
+        let at = |position| place.transform_point(Vec3::from(position)).to_array();
+        self.positions.extend(other.positions.into_iter().map(at));
+        let turned = |normal| (place.rotation * Vec3::from(normal)).to_array();
+        self.normals.extend(other.normals.into_iter().map(turned));
+        self.indices
+            .extend(other.indices.into_iter().map(|index| first + index));
+    }
+
+    /// A [`column`](Self::column) from one point to another.
+    pub(super) fn bar(&mut self, from: Vec3, to: Vec3, radius: f32, sides: u32) {
+        let along = to - from;
+        let mut bar = Self::default();
+        bar.column(Vec2::ZERO, radius, sides, 0.0, along.length());
+        let turn = Quat::from_rotation_arc(Vec3::Y, along.normalize_or(Vec3::Y));
+        self.add(bar, Transform::from_translation(from).with_rotation(turn));
+    }
+
+    /// A convex polygon that is seen from both sides.
+    pub(super) fn sheet(&mut self, corners: &[Vec3]) {
+        self.polygon(corners);
+        let back: Vec<Vec3> = corners.iter().rev().copied().collect();
+        self.polygon(&back);
+    }
+
     pub(super) fn is_empty(&self) -> bool {
         self.indices.is_empty()
     }
@@ -149,5 +176,34 @@ mod tests {
             let middle = (a + b + c) / 3.0 - Vec3::new(0.0, 2.5, 0.0);
             assert!(outward.dot(middle) > 0.0, "{a} {b} {c}");
         }
+    }
+
+    #[test]
+    fn bars_reach_from_end_to_end_and_face_outward() {
+        let (from, to) = (Vec3::new(1.0, 2.0, 3.0), Vec3::new(-2.0, 2.5, 7.0));
+        let mut faces = Faces::default();
+        faces.bar(from, to, 0.1, 6);
+        let normals = faces.normals.clone();
+        let mesh = faces.mesh();
+        assert_eq!(triangles(&mesh), 12 + 4);
+        for [a, b, c] in corners(&mesh) {
+            let middle = (a + b + c) / 3.0 - 0.5 * (from + to);
+            assert!((b - a).cross(c - a).dot(middle) > 0.0, "{a} {b} {c}");
+            for corner in [a, b, c] {
+                let ends = corner.distance(from).min(corner.distance(to));
+                assert!((ends - 0.1).abs() < 1e-4, "{corner}");
+            }
+        }
+        assert!(normals.iter().all(|n| Vec3::from(*n).is_normalized()));
+    }
+
+    #[test]
+    fn a_sheet_shows_from_both_sides() {
+        let mut faces = Faces::default();
+        faces.sheet(&[Vec3::ZERO, Vec3::X, Vec3::Y]);
+        let normals = corners(&faces.mesh())
+            .into_iter()
+            .map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero());
+        assert_eq!(normals.collect::<Vec<_>>(), [Vec3::Z, Vec3::NEG_Z]);
     }
 }

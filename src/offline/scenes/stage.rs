@@ -76,6 +76,31 @@ pub struct DepthImage {
     pub ndc_depth: Vec<f32>,
 }
 
+/// What a scene's cameras have in common, without the target they draw to: they stand at its first view, and what they
+/// show is what was drawn, pixel for pixel.
+pub(in crate::offline) fn eye(scene: &Scene, look: Look, is_active: bool) -> impl Bundle + use<> {
+    let clear_color = match look {
+        Look::Shaded => Color::linear_rgb(0.5, 0.65, 0.85),
+        Look::Ids => Color::BLACK,
+    };
+    (
+        Camera {
+            is_active,
+            clear_color: ClearColorConfig::Custom(clear_color),
+            ..default()
+        },
+        Projection::Perspective(scene.projection()),
+        Msaa::Off,
+        Tonemapping::None,
+        DebandDither::Disabled,
+        scene.view(""),
+        AmbientLight {
+            brightness: 900.0,
+            ..default()
+        },
+    )
+}
+
 /// A scene, its entities, and a camera for each way to cull of which one is on.
 pub struct SceneStage {
     /// The app.
@@ -118,32 +143,7 @@ impl SceneStage {
         }
         let entities = scene.spawn(offline.app.world_mut(), look);
         let target = offline.target(size);
-        let mut camera = |is_active: bool| {
-            let lens = Projection::Perspective(scene.projection());
-            let clear_color = match look {
-                Look::Shaded => Color::linear_rgb(0.5, 0.65, 0.85),
-                Look::Ids => Color::BLACK,
-            };
-            offline.camera(
-                &target,
-                (
-                    Camera {
-                        is_active,
-                        clear_color: ClearColorConfig::Custom(clear_color),
-                        ..default()
-                    },
-                    lens,
-                    Msaa::Off,
-                    Tonemapping::None,
-                    DebandDither::Disabled,
-                    scene.view(""),
-                    AmbientLight {
-                        brightness: 900.0,
-                        ..default()
-                    },
-                ),
-            )
-        };
+        let mut camera = |is_active: bool| offline.camera(&target, eye(&scene, look, is_active));
         let (plain, bevy, zbuffer) = (camera(true), camera(false), camera(false));
         let world = offline.app.world_mut();
         world

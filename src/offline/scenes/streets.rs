@@ -201,6 +201,31 @@ impl Ground {
         from + ahead * gone
     }
 
+    /// Places of squares and parks, farther from all buildings than any street's middle; in rows from the lowest
+    /// corner, at least so far from each other.
+    pub(super) fn open(&self, apart_m: f32) -> Vec<Vec2> {
+        let step = (apart_m / CELL_M).ceil().max(1.0) as usize;
+        let rows = (0..self.size.y).step_by(step);
+        rows.flat_map(|y| (0..self.size.x).step_by(step).map(move |x| (x, y)))
+            .filter(|(x, y)| self.distance_m[(y * self.size.x + x) as usize] > WIDEST_M)
+            .map(|(x, y)| self.low + (Vec2::new(x as f32, y as f32) + 0.5) * CELL_M)
+            .collect()
+    }
+
+    /// The place nearest to another that is at least [`CLEARANCE_M`] from all buildings; the same place if there is
+    /// none.
+    pub(super) fn free_near(&self, place: Vec2) -> Vec2 {
+        let cells = (0..self.size.y).flat_map(|y| (0..self.size.x).map(move |x| (x, y)));
+        cells
+            .filter(|(x, y)| self.distance_m[(y * self.size.x + x) as usize] >= CLEARANCE_M)
+            .map(|(x, y)| self.low + (Vec2::new(x as f32, y as f32) + 0.5) * CELL_M)
+            .min_by(|a, b| {
+                a.distance_squared(place)
+                    .total_cmp(&b.distance_squared(place))
+            })
+            .unwrap_or(place)
+    }
+
     /// Places so far from a wall, for things that stand along streets; in rows from the lowest corner.
     pub(super) fn spots(&self, distance_m: f32) -> Vec<Spot> {
         let mut spots = Vec::new();
@@ -258,6 +283,27 @@ mod tests {
             assert!((44.0..=56.0).contains(&at.y), "{at}");
         }
         assert_eq!(ground.distance(Vec2::new(50.0, 20.0)), Some(0.0));
+    }
+
+    #[test]
+    fn open_places_are_far_from_walls_and_free_ones_near() {
+        assert!(street().open(4.0).is_empty(), "a street is no square");
+        let roof = [
+            Vec3::new(0.0, 9.0, 0.0),
+            Vec3::new(0.0, 9.0, 100.0),
+            Vec3::new(40.0, 9.0, 100.0),
+        ];
+        let ground = Ground::new(Vec2::ZERO, Vec2::new(200.0, 100.0), [roof].into_iter());
+        let open = ground.open(10.0);
+        assert!(open.len() > 20, "{}", open.len());
+        for place in &open {
+            assert!(ground.distance(*place) > Some(WIDEST_M), "{place}");
+        }
+        let built = Vec2::new(10.0, 90.0);
+        assert_eq!(ground.distance(built), Some(0.0));
+        let free = ground.free_near(built);
+        assert!(ground.distance(free) >= Some(CLEARANCE_M), "{free}");
+        assert!(free.distance(built) < 30.0, "{free}");
     }
 
     #[test]

@@ -1,0 +1,175 @@
+//! All paths, clocks, targets and policies.
+
+use image::RgbImage;
+use indicatif::ProgressBar;
+
+use super::{
+    super::{AccuracyError, Timing, difference::flip_mean},
+    BudgetError, BudgetLine, Plan, SettingLine,
+};
+use crate::offline::{
+    OfflineError,
+    workload::{BASELINES, Census, Clock, Policy, Run, WorkloadPath, WorkloadStage, drive, learn},
+};
+
+/// Everything that was measured.
+pub(super) struct Measured {
+    pub lines: Vec<BudgetLine>,
+    /// The frames of each run that is drawn as a plot: those of the middle target.
+    pub shown: Vec<Shown>,
+    /// How far the counted cost is from what it was learned from.
+    pub misfit: f64,
+}
+
+/// The runs of one path and clock at one target.
+pub(super) struct Shown {
+    pub scene: String,
+    pub path: WorkloadPath,
+    pub clock: Clock,
+    pub target_ms: f64,
+    pub runs: Vec<Run>,
+}
+
+/// One run, and how far its pictures are from the unculled ones.
+struct Seen {
+    run: Run,
+    flip_mean: f64,
+}
+
+fn pictures_of(
+    stage: &mut WorkloadStage,
+    policy: &Policy,
+    way: (WorkloadPath, u32),
+    goal: (f64, Clock),
+) -> Result<(Run, Vec<RgbImage>), OfflineError> {
+    let mut pictures = Vec::new();
+    let run = drive(stage, policy, way, goal, |stage| {
+        pictures.push(stage.picture()?);
+        Ok::<(), OfflineError>(())
+    })?;
+    Ok((run, pictures))
+}
+
+fn see(
+    stage: &mut WorkloadStage,
+    policy: &Policy,
+    way: (WorkloadPath, u32),
+    goal: (f64, Clock),
+    whole: &[RgbImage],
+    progress: &ProgressBar,
+) -> Result<Seen, AccuracyError> {
+    let (run, pictures) = pictures_of(stage, policy, way, goal)?;
+    progress.inc(1);
+    // After the run: nothing of it falls into the frames' times.
+    let flips = whole.iter().zip(&pictures).map(|(a, b)| flip_mean(a, b));
+    Ok(Seen {
+        run,
+        flip_mean: flips.sum::<f64>() / whole.len().max(1) as f64,
+    })
+}
+
+pub(super) fn measure_all(
+    stage: &mut WorkloadStage,
+    plan: &Plan,
+    progress: &ProgressBar,
+) -> Result<Measured, AccuracyError> {
+    let misfit = learn(stage, WorkloadPath::Rotate, None, plan.quick, progress)?;
+    let turn = Census::take(stage, WorkloadPath::Rotate, plan.path_frames);
+    let empty_ms = stage.cost.frame_ms;
+    let lightest_ms = turn.least_ms(&stage.cost);
+    let mut measured = Measured {
+        lines: Vec::new(),
+        shown: Vec::new(),
+        misfit: misfit.unwrap_or(0.0),
+    };
+    for &path in &plan.paths {
+        let way = (path, plan.path_frames);
+        let name = format!("{}/{}", stage.scene.name, path.name());
+        progress.set_message(name.clone());
+        let census = match path {
+            WorkloadPath::Rotate => turn.clone(),
+            _ => Census::take(stage, path, plan.path_frames),
+        };
+        // What is out of view shows nowhere: the pictures of everything in view are the unculled ones.
+        let (frustum, whole) = pictures_of(stage, &Policy::Frustum, way, (0.0, Clock::Time))?;
+        let none = see(
+            stage,
+            &Policy::None,
+            way,
+            (0.0, Clock::Time),
+            &whole,
+            progress,
+        )?;
+        let frustum = Seen {
+            run: frustum,
+            flip_mean: 0.0,
+        };
+        for &clock in &plan.clocks {
+            for (index, share) in plan.targets.iter().enumerate() {
+                let target_ms = empty_ms + share * (lightest_ms - empty_ms);
+                let goal = (target_ms, clock);
+                progress.set_message(format!("{name}, {target_ms:.2} ms, {}", clock.name()));
+                let budget = see(stage, &Policy::Budget, way, goal, &whole, progress)?;
+                let mean_ms = budget.run.counted(target_ms).mean;
+                let mut seen = vec![budget];
+                for baseline in BASELINES {
+                    let policy = census.tuned(baseline, &stage.cost, mean_ms);
+                    seen.push(see(stage, &policy, way, goal, &whole, progress)?);
+                }
+                for of in seen.iter().chain([&frustum, &none]) {
+                    measured.lines.push(line(stage, &name, of, goal, plan));
+                }
+                if index == plan.targets.len() / 2 {
+                    let mut runs: Vec<Run> = vec![frustum.run.clone()];
+                    runs.extend(seen.into_iter().rev().map(|of| of.run));
+                    measured.shown.push(Shown {
+                        scene: name.clone(),
+                        path,
+                        clock,
+                        target_ms,
+                        runs,
+                    });
+                }
+            }
+        }
+    }
+    Ok(measured)
+}
+
+fn line(
+    stage: &WorkloadStage,
+    scene: &str,
+    seen: &Seen,
+    (target_ms, clock): (f64, Clock),
+    plan: &Plan,
+) -> BudgetLine {
+    let run = &seen.run;
+    let (measured, counted) = (run.time(target_ms), run.counted(target_ms));
+    let held = match clock {
+        Clock::Time => measured,
+        Clock::Counted => counted,
+    };
+    BudgetLine {
+        effect: "budget",
+        scene: scene.to_owned(),
+        setting: SettingLine {
+            policy: run.policy.kind(),
+            parameter: run.policy.parameter(),
+            target_ms,
+            clock: clock.name(),
+        },
+        time_ms: Timing::of(run.rows.iter().map(|row| row.measured.frame_ms).collect()),
+        measured,
+        counted,
+        drawn: run.mean_drawn(),
+        error: BudgetError {
+            frame_ms_mean: held.mean,
+            frame_ms_std: held.std,
+            over_budget_fraction: held.over_budget_fraction,
+            flip_mean: seen.flip_mean,
+        },
+        frames: plan.path_frames,
+        size_px: plan.size.to_array(),
+        adapter: stage.offline.adapter(),
+    }
+}
