@@ -4,14 +4,19 @@
 //! |---|---|---|---|
 //! | `contribution_area` | the threshold of [`ContributionCulling`](crate::contribution::ContributionCulling) | px² | the pixels that go, counted each frame |
 //! | `terrain_error` | [`TerrainRayCasting::max_error_px`] | px | how much of the ground is off by how many steps that can be told apart |
+//! | `resolution_scale` | [`ResolutionScale`] | share of a side | detail finer than the pixels drawn, in all of the picture |
 //! | `shadow_slice` | [`TerrainShadow::slice_ms`] | ms | shadows appear later, and nothing else |
 //! | `occlusion_volume` | [`ZBufferOcclusion::volume`] | 0 `Aabb`, 1 `Obb`, 2 + triangles `Proxy` | none: it only decides how much that is hidden is drawn |
 
 use bevy::prelude::*;
 
-use super::knobs::{AppKnobs, Knob, KnobCost, KnobError, KnobOn};
+use super::{
+    knobs::{AppKnobs, Knob, KnobCost, KnobError, KnobOn},
+    workload::Workload,
+};
 use crate::{
     occlusion::{OccludeeVolume, ZBufferOcclusion},
+    resolution::ResolutionScale,
     terrain::TerrainRayCasting,
     terrain_shadow::TerrainShadow,
 };
@@ -41,6 +46,28 @@ pub(crate) fn register(app: &mut App) -> Result<(), KnobError> {
         KnobOn::Cameras,
         |casting| casting.max_error_px,
         |casting, value| casting.max_error_px = value,
+    )?;
+    app.register_component_knob::<ResolutionScale>(
+        Knob::new(
+            "resolution_scale",
+            "",
+            &[
+                (1.0, 0.0),
+                (0.85, 0.03),
+                (0.7, 0.07),
+                (0.59, 0.12),
+                (0.5, 0.18),
+            ],
+            KnobCost::Scales(|scale| Workload {
+                objects: 1.0,
+                triangles: 1.0,
+                pixels: f64::from(scale * scale),
+                rays: f64::from(scale * scale),
+            }),
+        )?,
+        KnobOn::Cameras,
+        |scale| scale.0,
+        |scale, value| scale.0 = value,
     )?;
     app.register_component_knob::<TerrainShadow>(
         Knob::new(
