@@ -6,7 +6,6 @@ use bevy::{
     camera::visibility::{NoCpuCulling, VisibilityRange, VisibleEntities},
     ecs::system::{IntoSystem, System},
     prelude::*,
-    render::occlusion_culling::OcclusionCulling,
 };
 use bevy_skyline::{
     contribution::{ContributionCamera, fade},
@@ -710,7 +709,7 @@ fn the_gpus_picture_is_the_cpus() {
     field
         .world_mut()
         .entity_mut(camera)
-        .insert(OcclusionCulling);
+        .insert(ZBufferOcclusion::default());
     let counts = field.settle();
     assert!(!counts.on_gpu && counts.removed > 50);
     assert_eq!(
@@ -720,7 +719,7 @@ fn the_gpus_picture_is_the_cpus() {
     field
         .world_mut()
         .entity_mut(camera)
-        .remove::<OcclusionCulling>();
+        .remove::<ZBufferOcclusion>();
     assert!(field.settle().on_gpu);
     let one = field.boxes[0];
     field.world_mut().entity_mut(one).insert(NoCpuCulling);
