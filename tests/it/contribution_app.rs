@@ -203,9 +203,8 @@ fn misses_what_the_twin_says(field: &mut Field, threshold: f64) {
     let (mut removed, mut kept) = (0, 0);
     for (entity, is_small) in &expected {
         let found = small.binary_search(entity).is_ok();
-        match is_small {
-            Some(is_small) => assert_eq!(found, *is_small, "{entity}"),
-            None => {}
+        if let Some(is_small) = is_small {
+            assert_eq!(found, *is_small, "{entity}");
         }
         removed += usize::from(found);
         kept += usize::from(!found);
