@@ -19,7 +19,9 @@
 //! # On the GPU
 //! From [`gpu_from`](ContributionCulling::gpu_from) entities in view on, a pass measures the same areas by the same
 //! arithmetic and takes what is too small out of the camera's draws in the same frame
-//! ([`render_graph::contribution`](crate::render_graph::contribution)). The entities stay in `VisibleEntities`;
+//! ([`render_graph::contribution`](crate::render_graph::contribution)). A driver may round otherwise than the CPU, within
+//! what is allowed for: areas are not below the exact one there either, and verdicts differ only within that of the
+//! threshold. The entities stay in `VisibleEntities`;
 //! [`CulledEntities`] and the counts say some frames late which were left out. The CPU measures all the same where the
 //! camera has a [`FrameBudget`](crate::budget::FrameBudget), [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion),
 //! Bevy's `OcclusionCulling`, `NoIndirectDrawing` or [`Exit::Dithered`], where anything in the scene has `NoCpuCulling`,
@@ -59,7 +61,8 @@ pub struct ContributionCulling {
     /// Whether an object's area counts only as far as the depth buffer shows it, where
     /// [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) works on the same camera. default: true
     pub weigh_by_visibility: bool,
-    /// From so many candidates in view on, areas are compared by the GPU. The verdicts are the same. default: 50,000
+    /// From so many candidates in view on, areas are compared by the GPU. The verdicts are the same, but for
+    /// rounding. default: 50,000
     pub gpu_from: usize,
 }
 

@@ -6,7 +6,6 @@ use bevy::{
     camera::visibility::{NoCpuCulling, VisibilityRange, VisibleEntities},
     ecs::system::{IntoSystem, System},
     prelude::*,
-    render::occlusion_culling::OcclusionCulling,
 };
 use bevy_skyline::{
     contribution::{ContributionCamera, fade},
@@ -204,9 +203,8 @@ fn misses_what_the_twin_says(field: &mut Field, threshold: f64) {
     let (mut removed, mut kept) = (0, 0);
     for (entity, is_small) in &expected {
         let found = small.binary_search(entity).is_ok();
-        match is_small {
-            Some(is_small) => assert_eq!(found, *is_small, "{entity}"),
-            None => {}
+        if let Some(is_small) = is_small {
+            assert_eq!(found, *is_small, "{entity}");
         }
         removed += usize::from(found);
         kept += usize::from(!found);
@@ -710,7 +708,7 @@ fn the_gpus_picture_is_the_cpus() {
     field
         .world_mut()
         .entity_mut(camera)
-        .insert(OcclusionCulling);
+        .insert(ZBufferOcclusion::default());
     let counts = field.settle();
     assert!(!counts.on_gpu && counts.removed > 50);
     assert_eq!(
@@ -720,7 +718,7 @@ fn the_gpus_picture_is_the_cpus() {
     field
         .world_mut()
         .entity_mut(camera)
-        .remove::<OcclusionCulling>();
+        .remove::<ZBufferOcclusion>();
     assert!(field.settle().on_gpu);
     let one = field.boxes[0];
     field.world_mut().entity_mut(one).insert(NoCpuCulling);

@@ -92,7 +92,7 @@ pub struct ExtractedContribution {
 /// a mesh or a material changes.
 pub fn respecialize_dithered(
     dirty: Option<ResMut<DirtySpecializations>>,
-    begun: Extract<Query<Entity, (Added<VisibilityRange>, With<Mesh3d>)>>,
+    begun: Extract<Query<Entity, Added<VisibilityRange>>>,
     mut ended: Extract<RemovedComponents<VisibilityRange>>,
 ) {
     let Some(mut dirty) = dirty else { return };
