@@ -34,7 +34,7 @@ const LEAST_NOISE: f64 = 0.02;
 pub struct CostModel {
     /// The largest that each term has been: costs are of a term this large.
     scale: [f64; TERMS],
-    /// Sums over the samples, in terms over their scale and over the time taken.
+    /// Sums over the samples, in terms over their scale and in shares of their times.
     products: [[f64; TERMS]; TERMS],
     sums: [f64; TERMS],
     last: Workload,
@@ -96,9 +96,11 @@ impl CostModel {
         } else {
             1.0
         };
+        // In shares of the longer of the two, so that a time far too short does not count for more than one too long.
+        let whole = ms.max(self.predict(work));
         let z: [f64; TERMS] = core::array::from_fn(|i| {
             if self.scale[i] > 0.0 {
-                terms[i] / self.scale[i] / ms
+                terms[i] / self.scale[i] / whole
             } else {
                 0.0
             }
@@ -116,7 +118,7 @@ impl CostModel {
             for j in 0..TERMS {
                 self.products[i][j] += weight * z[i] * z[j];
             }
-            self.sums[i] += weight * z[i];
+            self.sums[i] += weight * z[i] * ms / whole;
         }
         self.weight += weight;
         self.mean_ms += (ms - self.mean_ms) * weight / self.weight;
