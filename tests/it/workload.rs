@@ -275,3 +275,53 @@ fn a_counted_cost_is_learned_from_measured_frames() {
     let (least, most) = most.fold((f64::MAX, 0.0f64), |(a, b), ms| (a.min(ms), b.max(ms)));
     assert!(least > 0.0 && most > least, "from {least} to {most}");
 }
+
+#[test]
+fn the_budget_holds_the_counted_time_through_a_turn() {
+    let Some(mut stage) = stage() else {
+        return;
+    };
+    stage.cost = Cost {
+        object_ms: 0.01,
+        triangle_ms: 1e-5,
+        pixel_ms: 0.0,
+        frame_ms: 1.0,
+    };
+    let cost = stage.cost;
+    let frames = 60;
+    let census = Census::take(&mut stage, WorkloadPath::Rotate, frames);
+    // So that every frame can be brought up to it.
+    let target_ms = cost.frame_ms + 0.7 * (census.least_ms(&cost) - cost.frame_ms);
+    let mut turn = |policy: &Policy| {
+        let goal = (target_ms, Clock::Counted);
+        let way = (WorkloadPath::Rotate, frames);
+        let never = |_: &WorkloadStage| Ok::<(), OfflineError>(());
+        drive(&mut stage, policy, way, goal, never).expect("nothing fails")
+    };
+    let run = turn(&Policy::Budget);
+    let held = run.counted(target_ms);
+    println!("target {target_ms}: {held:?}");
+    assert!(held.std <= 0.05 * target_ms, "{held:?} for {target_ms}");
+    assert!(
+        held.over_budget_fraction <= 0.02,
+        "{held:?} for {target_ms}"
+    );
+    let share = held.mean / target_ms;
+    assert!((0.95..=1.0).contains(&share), "{share} of {target_ms}");
+    assert!(
+        run.rows.iter().all(|row| row.measured.threshold_px2 > 0.0
+            && row.measured.knobs.contains("contribution_area=")),
+        "{:?}",
+        run.rows[0]
+    );
+    for baseline in BASELINES {
+        let policy = census.tuned(baseline, &cost, held.mean);
+        let of = turn(&policy).counted(target_ms);
+        println!("{policy}: {of:?}");
+        assert!(
+            (of.mean - held.mean).abs() < 0.1 * held.mean,
+            "{policy}: {of:?}"
+        );
+        assert!(held.std < of.std, "{policy}: {of:?} and {held:?}");
+    }
+}
