@@ -25,6 +25,7 @@ use bevy::{
         RenderSystems,
         camera::{CameraRenderGraph, ExtractedCamera, TemporalJitter},
         diagnostic::RecordDiagnostics,
+        occlusion_culling::OcclusionCulling,
         render_resource::{
             binding_types::{texture_2d, uniform_buffer_sized},
             *,
@@ -113,6 +114,7 @@ type ScaledCamera<'w> = (
         Has<ScreenSpaceReflections>,
         Has<ContactShadows>,
         Has<VolumetricFog>,
+        Has<OcclusionCulling>,
     ),
 );
 
@@ -145,7 +147,7 @@ pub fn extract_scales(
         if scale.clamped() >= 1.0 || !camera.is_active {
             continue;
         }
-        let (jitters, motion, ambient, reflections, contact, fog) = has;
+        let (jitters, motion, ambient, reflections, contact, fog, culls) = has;
         let why = [
             (
                 graph.is_none_or(|graph| graph.0 != Core3d.intern()),
@@ -161,6 +163,7 @@ pub fn extract_scales(
             (reflections, FullSize::Reflections),
             (contact, FullSize::ContactShadows),
             (fog, FullSize::VolumetricFog),
+            (culls, FullSize::BevysOcclusionCulling),
         ]
         .into_iter()
         .find_map(|(holds, why)| holds.then_some(why));

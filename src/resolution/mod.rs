@@ -21,16 +21,29 @@
 //! | In Bevy 0.19 | With a scale |
 //! |---|---|
 //! | prepasses, deferred prepass, opaque and transparent passes, atmosphere, order-independent transparency | heed the override by themselves |
-//! | clustered lights and decals, deferred lighting, skybox, fog, transmission, wireframes, Bevy's `OcclusionCulling` | look at the view's viewport instead; while the main passes run this is the drawn part, so that they are right too |
+//! | clustered lights and decals, deferred lighting, skybox, fog, transmission, wireframes | look at the view's viewport instead; while the main passes run this is the drawn part, so that they are right too |
 //! | bloom, tonemapping, FXAA, SMAA, auto exposure, lens effects, UI, egui | come after the stretch, at full resolution |
 //! | textures | are sampled for the pixels drawn; there is no mip bias |
 //! | gizmos and wide wireframes | have their width in drawn pixels, so lines become thicker in the picture |
-//! | jitter (TAA, DLSS), motion vectors, SSAO, screen-space reflections, contact shadows, volumetric fog | take the textures of the camera for whole: a camera with one of them is drawn at full size ([`FullSize`]), with one warning |
+//! | jitter (TAA, DLSS), motion vectors, SSAO, screen-space reflections, contact shadows, volumetric fog, Bevy's own `OcclusionCulling` | take the textures of the camera for whole: a camera with one of them is drawn at full size ([`FullSize`]), with one warning |
 //! | depth of field | reads the depth, which is not stretched, and focuses wrongly: don't use both |
 //!
 //! The crate's own terrain and occlusion culling heed it. A pass of your own that runs among the main passes finds the
 //! drawn part in `view.main_pass_viewport` (and in `view.viewport`), one that runs after them gets the stretched picture,
 //! but the depth and prepass textures as they were drawn.
+
+//! # What it saves
+//! Measured on a software renderer with two busy cores, 480×270, 60 spheres in the light of twelve point lights, settings
+//! in turn, medians of 15 frames. Pixels were the work there: where vertices or objects are, less is saved.
+//!
+//! | Scale | Share of the pixels | Frame, share of that at 1 | The same with `Hdr` |
+//! |---|---|---|---|
+//! | 1 | 1 | 1 | 1 |
+//! | 0.75 | 0.56 | 0.69 | 0.71 |
+//! | 0.5 | 0.25 | 0.47 | 0.46 |
+//! | 0.25 | 0.06 | 0.18 | 0.18 |
+//!
+//! `upscale` took 6 to 16 ms of frames of 200 to 1,250 ms.
 
 use bevy::prelude::*;
 
@@ -98,6 +111,8 @@ pub enum FullSize {
     ContactShadows,
     /// `VolumetricFog`.
     VolumetricFog,
+    /// Bevy's own `OcclusionCulling`.
+    BevysOcclusionCulling,
 }
 
 impl core::fmt::Display for FullSize {
@@ -123,6 +138,9 @@ impl core::fmt::Display for FullSize {
             }
             Self::VolumetricFog => {
                 "it has `VolumetricFog`, which is drawn over the whole viewport: use one of the two"
+            }
+            Self::BevysOcclusionCulling => {
+                "it has Bevy's `OcclusionCulling`, which reads depth of the whole target: use `ZBufferOcclusion` instead"
             }
         })
     }

@@ -805,6 +805,7 @@ fn what_cannot_be_stretched_is_drawn_in_full() {
     stays_full(offline, "occlusion", ScreenSpaceAmbientOcclusion::default());
     stays_full(offline, "contact", ContactShadows::default());
     stays_full(offline, "fog", VolumetricFog::default());
+    stays_full(offline, "culling", (DepthPrepass, OcclusionCulling));
     stays_full(offline, "reflections", ScreenSpaceReflections::default());
 }
 
@@ -871,30 +872,6 @@ fn with_occlusion_culling_nothing_goes_missing() {
     check("msaa", Msaa::Sample4, false, false);
     check("prepass", Msaa::Off, true, false);
     check("changing", Msaa::Off, false, true);
-}
-
-#[test]
-fn bevys_own_occlusion_culling_takes_nothing_visible() {
-    let Some(mut scene) = Scene::new(always(), || (Msaa::Off, DepthPrepass, ResolutionScale(0.5)))
-    else {
-        return;
-    };
-    let mut culling = scene.offline.app.world_mut().entity_mut(scene.culling);
-    culling
-        .remove::<ZBufferOcclusion>()
-        .insert(OcclusionCulling);
-    settle(&mut scene.offline);
-    for frame in 0..20 {
-        let side = 9.0 * (frame as f32 * 0.3).sin();
-        scene.look(eye(
-            Vec3::new(side, 2.0, 20.0),
-            Vec3::new(0.3 * side, 2.0, 0.0),
-        ));
-        scene.offline.step();
-        let (differ, shown) = scene.differing();
-        assert_eq!(differ, 0, "frame {frame}");
-        assert!(shown > 1000, "frame {frame}");
-    }
 }
 
 fn hills(offline: &mut Offline) {
