@@ -11,6 +11,7 @@ use bevy::{
     },
 };
 use bevy_skyline::{
+    culling::volume::LocalBox,
     occlusion::{
         Sampling,
         depth::{GpuOcclusionView, ReducedDepth, layout, texel_count},
