@@ -440,7 +440,9 @@ fn what_is_known_is_written() {
         status: BudgetStatus::Held,
     });
     // The last of four is over the target.
-    [10.0, 12.0, 14.0, 20.0].map(|ms| data.frames.push(ms));
+    for ms in [10.0, 12.0, 14.0, 20.0] {
+        data.frames.push(ms);
+    }
     let shapes = Screen::new().pass(&data, Vec::new());
     let written = texts(&shapes);
     for words in [
