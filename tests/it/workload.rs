@@ -288,6 +288,7 @@ fn the_budget_holds_the_counted_time_through_a_turn() {
         frame_ms: 1.0,
     };
     let cost = stage.cost;
+    let of_meshes = stage.scene.triangles_of_meshes();
     let frames = 60;
     let census = Census::take(&mut stage, WorkloadPath::Rotate, frames);
     // So that every frame can be brought up to it.
@@ -306,8 +307,13 @@ fn the_budget_holds_the_counted_time_through_a_turn() {
         held.over_budget_fraction <= 0.02,
         "{held:?} for {target_ms}"
     );
-    let share = held.mean / target_ms;
-    assert!((0.95..=1.0).contains(&share), "{share} of {target_ms}");
+    // A threshold lies between two objects: up to the costlier of them of every frame stays unused.
+    let most = of_meshes.iter().copied().max().unwrap_or(0);
+    let one_ms = cost.object_ms + cost.triangle_ms * most as f64;
+    assert!(
+        held.mean <= target_ms && held.mean >= 0.95 * target_ms - one_ms,
+        "{held:?} for {target_ms}"
+    );
     assert!(
         run.rows.iter().all(|row| row.measured.threshold_px2 > 0.0
             && row.measured.knobs.contains("contribution_area=")),
