@@ -13,7 +13,9 @@
 //!                 Camera3d::default(),
 //!                 Msaa::Off,
 //!                 Transform::from_xyz(0.0, 2000.0, 0.0),
-//!                 ZBufferOcclusion::default(), // drop what is hidden
+//!                 FrameBudget::from_hz(60.0),     // steady frame time
+//!                 ContributionCulling::default(), // drop what covers too few pixels
+//!                 ZBufferOcclusion::default(),    // drop what is hidden
 //!             ));
 //!             commands.spawn((Terrain::new(assets.load("alps.png")), TerrainShadow::default()));
 //!             commands.spawn(DirectionalLight { shadow_maps_enabled: true, ..default() });
@@ -44,7 +46,7 @@
 //! P1 *Subdivided-bounding-box terrain ray casting* (GPU quadtree); P2 occlusion culling with the Z-buffer and
 //! simplified models; P3 rendering by spherical-coordinate representation; P4 region-based contribution culling
 //! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
-//! maps (P5b). Docs cite them by these numbers. This version has P1, P2 and P5b.
+//! maps (P5b). Docs cite them by these numbers. This version has P1, P2, P4 and P5b.
 
 pub mod budget;
 pub mod contribution;
@@ -66,7 +68,9 @@ pub mod terrain_shadow;
 /// What an app usually needs.
 pub mod prelude {
     pub use crate::{
-        budget::{BudgetClock, BudgetState, FrameBudget},
+        budget::{
+            AppKnobs, BudgetClock, BudgetState, BudgetStatus, FrameBudget, Knobs, WorkloadPolicy,
+        },
         contribution::{ContributionCounts, ContributionCulling, Exit, NoContributionCulling},
         culling::{CullReason, CullSystems, CulledEntities, Culling},
         effects::{Activity, Effect, EffectState, Effects},

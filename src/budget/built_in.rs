@@ -10,10 +10,7 @@
 
 use bevy::prelude::*;
 
-use super::{
-    knobs::{AppKnobs, Knob, KnobCost, KnobError, KnobOn},
-    workload::Workload,
-};
+use super::knobs::{AppKnobs, Knob, KnobCost, KnobError, KnobOn};
 use crate::{
     occlusion::{OccludeeVolume, ZBufferOcclusion},
     resolution::ResolutionScale,
@@ -58,12 +55,8 @@ pub(crate) fn register(app: &mut App) -> Result<(), KnobError> {
                 (0.59, 0.12),
                 (0.5, 0.18),
             ],
-            KnobCost::Scales(|scale| Workload {
-                objects: 1.0,
-                triangles: 1.0,
-                pixels: f64::from(scale * scale),
-                rays: f64::from(scale * scale),
-            }),
+            // Areas are measured in pixels drawn, and so follow by themselves.
+            KnobCost::Measured,
         )?,
         KnobOn::Cameras,
         |scale| scale.0,
