@@ -19,6 +19,8 @@ struct Candidate {
     triangle_count: u32,
     axis_1: vec3<f32>,
     axis_2: vec3<f32>,
+    /// Of occlusion culling: not used.
+    turned: array<vec4<f32>, 4>,
 };
 
 @group(0) @binding(0) var<storage, read> area_view: AreaView;

@@ -161,20 +161,31 @@ fn rect_verdict(pixels: Footprint) -> u32 {
     return select(VERDICT_VISIBLE, VERDICT_HIDDEN, is_behind(start, past, bitcast<u32>(pixels.nearest)));
 }
 
-/// By how much the corner lies within the clip volume's planes x = -w, y = -w, z = 0.
-fn within_low(corner: vec4<f32>) -> vec3<f32> {
-    return vec3(corner.x + corner.w, corner.y + corner.w, corner.z);
+/// Half the viewport's size, and that and the margin around it. units: px
+fn sides() -> vec4<f32> {
+    let half_size = occlusion_view.viewport * 0.5;
+    return vec4(half_size, half_size + (occlusion_view.viewport * PIXEL_ERROR + vec2(SNAP_PX)));
 }
 
-/// By how much the corner lies within the clip volume's planes x = w, y = w, z = w.
+/// By how much the corner lies within the planes x = -w, y = -w, widened by the margin and in pixels times w, and z = 0.
+fn within_low(corner: vec4<f32>) -> vec3<f32> {
+    let sides = sides();
+    return vec3(corner.xy * sides.xy + sides.zw * corner.w, corner.z);
+}
+
+/// The same of the planes x = w, y = w, and z = w.
 fn within_high(corner: vec4<f32>) -> vec3<f32> {
-    return vec3(corner.w) - corner.xyz;
+    let sides = sides();
+    return vec3(sides.zw * corner.w - corner.xy * sides.xy, corner.w - corner.z);
 }
 
 /// Whether all corners lie on the outer side of one plane, by more than the slack; from the most of each.
 fn is_off(most_low: vec3<f32>, most_high: vec3<f32>, slack: vec4<f32>) -> bool {
-    let low = most_low + (slack.xyz + vec3(slack.w, slack.w, 0.0));
-    let high = most_high + (slack.xyz + vec3(slack.w));
+    let sides = sides();
+    let reach = vec3(slack.xy * sides.xy, slack.z);
+    let side = sides.zw * slack.w;
+    let low = most_low + (reach + vec3(side, 0.0));
+    let high = most_high + (reach + vec3(side, slack.w));
     return any(low < vec3(0.0)) || any(high < vec3(0.0));
 }
 

@@ -115,18 +115,23 @@ fn reach(frame: &ClipFrame) -> Vec4 {
     Vec4::from_array(squares.to_array().map(f32::sqrt))
 }
 
-/// Whether all corners lie on the outer side of one of the clip volume's planes, by more than the slack.
+/// Whether all corners lie on the outer side of one of the clip volume's planes, by more than the slack, and at the
+/// viewport's sides by more than the margin. `half_size` is the viewport's, `wide` that and the margin. units: px
 #[cold]
-fn is_off(corners: &[Vec4], slack: Vec4) -> bool {
+fn is_off(corners: &[Vec4], slack: Vec4, half_size: Vec2, wide: Vec2) -> bool {
+    let scale = half_size.extend(1.0);
     let mut low = Vec3::MIN;
     let mut high = Vec3::MIN;
     for corner in corners {
-        let (p, w) = (corner.truncate(), corner.w);
-        low = low.max(Vec3::new(p.x + w, p.y + w, p.z));
-        high = high.max(Vec3::splat(w) - p);
+        let (p, w) = (corner.truncate() * scale, corner.w);
+        let side = wide * w;
+        low = low.max(Vec3::new(p.x + side.x, p.y + side.y, p.z));
+        high = high.max(side.extend(w) - p);
     }
-    low += slack.truncate() + Vec3::new(slack.w, slack.w, 0.0);
-    high += slack.truncate() + Vec3::splat(slack.w);
+    let reach = slack.truncate() * scale;
+    let side = wide * slack.w;
+    low += reach + side.extend(0.0);
+    high += reach + side.extend(slack.w);
     low.min_element() < 0.0 || high.min_element() < 0.0
 }
 
@@ -262,7 +267,11 @@ impl<'a> DepthTest<'a> {
     fn hull_verdict(&self, corners: &[Vec4], slack: Vec4) -> Verdict {
         match self.footprint(&Quotients::of(corners), slack) {
             Footprint::Nothing => Verdict::Outside,
-            Footprint::Near if is_off(corners, slack) => Verdict::Outside,
+            Footprint::Near
+                if is_off(corners, slack, self.half_size, self.half_size + self.margin) =>
+            {
+                Verdict::Outside
+            }
             Footprint::Near => Verdict::Visible,
             Footprint::Pixels {
                 first,

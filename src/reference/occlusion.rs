@@ -168,13 +168,14 @@ impl Balls {
             + w_share * slack.w
     }
 
-    /// Whether all lies beyond one of the clip volume's planes.
-    fn is_off(&self, slack: DVec4) -> bool {
+    /// Whether all lies beyond one of the clip volume's planes, those at the viewport's sides moved out: `wide` is 1
+    /// where they stay.
+    fn is_off(&self, slack: DVec4, wide: DVec2) -> bool {
         let planes = [
-            (0, 1.0, 1.0),
-            (0, -1.0, 1.0),
-            (1, 1.0, 1.0),
-            (1, -1.0, 1.0),
+            (0, 1.0, wide.x),
+            (0, -1.0, wide.x),
+            (1, 1.0, wide.y),
+            (1, -1.0, wide.y),
             (2, 1.0, 0.0),
             (2, -1.0, 1.0),
         ];
@@ -363,7 +364,7 @@ impl<'a> OcclusionTwin<'a> {
     /// The verdict on the projection, grown no more than it must be.
     fn at(&self, balls: &Balls, growth: Growth) -> Verdict {
         let slack = growth.clip * balls.magnitude;
-        if balls.is_off(slack) {
+        if balls.is_off(slack, self.wide(growth)) {
             return Verdict::Outside;
         }
         if balls.is_near(slack) {
@@ -387,7 +388,7 @@ impl<'a> OcclusionTwin<'a> {
         };
         let surely_near = points.is_near(DVec4::ZERO);
         if surely_near {
-            let off = points.is_off(slack);
+            let off = points.is_off(slack, self.wide(TESTED));
             return if off {
                 Verdict::Outside
             } else {
@@ -408,6 +409,13 @@ impl<'a> OcclusionTwin<'a> {
             return Verdict::Visible;
         }
         self.covers(bounds, TESTED)
+    }
+
+    /// How far out the viewport's sides are, in NDC, with the margin around it.
+    fn wide(&self, growth: Growth) -> DVec2 {
+        let viewport = self.depth.viewport.as_dvec2();
+        let margin = DVec2::splat(growth.px) + growth.px_relative * viewport;
+        DVec2::ONE + 2.0 * margin / viewport
     }
 
     /// The verdict on what covers these NDC, wholly beyond the near plane.

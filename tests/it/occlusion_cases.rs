@@ -166,6 +166,11 @@ pub fn hard_cases() -> Vec<HardCase> {
     case("large, behind the camera", &wall, boxed(0.0, 0.0, 1e6, 9e5), Outside);
     case("around the camera", &wall, boxed(0.0, 0.0, 0.0, 2.0), Visible);
     case("a corner at the eye", &wall, boxed(1.0, 1.0, -1.0, 1.0), Visible);
+    // A rasteriser may move it onto the one row there is.
+    let line = reduced(flat_lens(), UVec2::new(4, 1), Sampling::Conservative { block: 1 }, &[1.0; 4]);
+    let beside = |y| boxed(0.0, y, 0.0, 1.0);
+    case("at the near plane, a hair beside the view", &line, beside(25.01), Visible);
+    case("at the near plane, beside the view", &line, beside(26.0), Outside);
     case("cut by the near plane", &wall, boxed(0.0, 0.0, -0.1, 0.05), Visible);
     case("touching the near plane", &wall, boxed(0.0, 0.0, -0.2, 0.1), Visible);
     case("before the near plane", &wall, boxed(0.0, 0.0, -0.05, 0.01), Outside);

@@ -235,7 +235,13 @@ fn drawn_pixels_hidden(
                 continue;
             }
             looked_at += 1;
-            assert_eq!(verdict, Verdict::Hidden, "{case:?} is not outside");
+            assert_eq!(
+                verdict,
+                Verdict::Hidden,
+                "{case:?} is not outside: {clip} at {px} of {}, {:?}",
+                depth.viewport,
+                depth.clip_from_world
+            );
             let texel = depth.texels[(at.y * depth.levels[0].size.x + at.x) as usize];
             assert!(
                 ndc.z < texel,
