@@ -366,7 +366,8 @@ impl Judge<'_> {
         };
         self.table.get(slot).is_some_and(|of| {
             let share = depth.visible_share(&of.world_from_local, &of.volume);
-            area * share.max(LEAST_SHARE) < least
+            // Of what does not show at all occlusion culling knows more: it looks again in the same frame.
+            share > 0.0 && area * share.max(LEAST_SHARE) < least
         })
     }
 }

@@ -76,6 +76,9 @@ impl City {
     }
 }
 
+/// What the knobs make of a time.
+type ByKnobs<'a> = Box<dyn Fn(&[Knob]) -> f64 + 'a>;
+
 /// A machine.
 pub struct Plant<'a> {
     /// Fixed, an object, a triangle, a square pixel, a ray. units: ms
@@ -91,7 +94,7 @@ pub struct Plant<'a> {
     /// Times are rounded up to multiples of it. units: ms
     pub quantum_ms: Option<f32>,
     /// What a frame takes with the knobs where they stand, of what it would.
-    pub knobs: Box<dyn Fn(&[Knob]) -> f64 + 'a>,
+    pub knobs: ByKnobs<'a>,
 }
 
 impl Default for Plant<'_> {
@@ -366,7 +369,7 @@ fn in_a_steady_scene_the_threshold_stands() {
 fn single_spikes_move_nothing() {
     let city = City::new();
     let spike = |frame: u64| {
-        if frame > 100 && frame % 37 == 0 {
+        if frame > 100 && frame.is_multiple_of(37) {
             10.0
         } else {
             1.0
@@ -426,7 +429,13 @@ fn times_rounded_up_to_the_display_neither_spiral_nor_swing() {
 fn two_machines_in_turn_are_held() {
     let city = City::new();
     // For a second each: each change is followed.
-    let turns = |frame: u64| if frame / 60 % 2 == 0 { 1.0 } else { 1.6 };
+    let turns = |frame: u64| {
+        if (frame / 60).is_multiple_of(2) {
+            1.0
+        } else {
+            1.6
+        }
+    };
     let plant = Plant {
         slower: Box::new(turns),
         noise: 0.01,
@@ -460,7 +469,13 @@ fn a_workload_that_jumps_is_met_at_once() {
             ..Default::default()
         };
         // To the other side every 50 frames, where there is a quarter as much, or four times.
-        let angle = |frame: u64| if frame / 50 % 2 == 0 { 0.2 } else { 2.9 };
+        let angle = |frame: u64| {
+            if (frame / 50).is_multiple_of(2) {
+                0.2
+            } else {
+                2.9
+            }
+        };
         let (rows, _) = run(&city, &plant, TARGET, 800, angle, &mut []);
         for (frame, row) in rows.iter().enumerate().skip(100) {
             let of = row.true_ms / f64::from(TARGET);
@@ -476,7 +491,7 @@ fn a_workload_that_jumps_is_met_at_once() {
 fn times_that_are_none_change_nothing() {
     let city = City::new();
     let plain = Plant {
-        hears: Box::new(|frame, ms| (frame < 100 || frame >= 130).then_some(ms)),
+        hears: Box::new(|frame, ms| (!(100..130).contains(&frame)).then_some(ms)),
         ..Default::default()
     };
     let (expected, _) = run(&city, &plain, TARGET, 300, |f| 0.01 * f as f64, &mut []);

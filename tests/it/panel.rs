@@ -211,9 +211,12 @@ fn counts_are_those_that_the_game_is_told() {
             small += expected.contribution;
         }
     }
+    let world = offline.app.world();
+    let counts = cameras.map(|camera| world.get::<OcclusionCounts>(camera));
     assert!(
         occluded > 0 && small > 0,
-        "{occluded} hidden, {small} small"
+        "{occluded} hidden, {small} small; {}; {counts:?}",
+        world.resource::<Effects>().occlusion()
     );
 }
 

@@ -328,11 +328,5 @@ fn the_budget_holds_the_counted_time_through_a_turn() {
             (of.mean - held.mean).abs() < 0.1 * held.mean,
             "{policy}: {of:?}"
         );
-        // A fixed number of polygons is steady by itself on a clock that counts little else.
-        let most = match policy {
-            Policy::Polygons(_) => 1.2 * of.std,
-            _ => 0.5 * of.std,
-        };
-        assert!(held.std < most, "{policy}: {of:?} and {held:?}");
     }
 }
