@@ -20,7 +20,7 @@
 //! |---|---|
 //! | `First` | [`BudgetSystems::Begin`]: the clock starts, times of past frames are taken in; [`BudgetSystems::ApplyKnobs`]: knobs that moved are applied |
 //! | `PostUpdate`, [`ContributionSteps::Choose`](crate::contribution::ContributionSteps) | areas are summed up, the threshold of this frame is chosen, other knobs are moved for the next |
-//! | `PostUpdate`, after [`CullSystems`](crate::culling::CullSystems) | what is drawn in the end is noted, to be learned from |
+//! | `PostUpdate`, after [`CullSystems`] | what is drawn in the end is noted, to be learned from |
 //! | `Last` | the clock stops; [`Effects`](crate::effects::Effects) and diagnostics are written |
 //!
 //! Without a [`FrameBudget`] in the scene one empty query runs a frame, and nothing is kept.
