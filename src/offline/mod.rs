@@ -561,3 +561,12 @@ impl Offline {
         Some(times)
     }
 }
+/// Shows on standard error what long work is at, how far it is and for how long.
+fn spinner() -> indicatif::ProgressBar {
+    let progress = indicatif::ProgressBar::new_spinner();
+    let style = indicatif::ProgressStyle::with_template("{spinner} {pos} {elapsed} {msg}");
+    if let Ok(style) = style {
+        progress.set_style(style);
+    }
+    progress
+}

@@ -157,6 +157,18 @@ fn buildings(size: CitySize, park: Option<[UVec2; 2]>) -> (Vec<Building>, Vec<Co
     (buildings, paints)
 }
 
+/// The furnished city of a file, else one made by code, a small one where it has to be quick.
+///
+/// # Errors
+/// [`SceneError`] of the file.
+pub fn furnished_for(file: Option<&Path>, quick: bool) -> Result<Scene, SceneError> {
+    match file {
+        Some(file) => furnished_from_file(file),
+        None if quick => Ok(furnished(CitySize::Small)),
+        None => Ok(furnished(CitySize::Medium)),
+    }
+}
+
 /// Up to four storeys of setbacks, some of them round.
 fn tower(half: Vec2, height_m: f32, draw: [f32; 3]) -> Mesh {
     let mut faces = Faces::default();

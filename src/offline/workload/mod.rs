@@ -19,16 +19,14 @@ mod stage;
 use std::path::{Path, PathBuf};
 
 use bevy::{math::UVec2, platform::time::Instant};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::{
     OfflineError,
     plot::PlotError,
-    scenes::{
-        Scene, SceneError,
-        city::{self, CitySize},
-    },
+    scenes::{Scene, SceneError, city},
+    spinner,
 };
 
 pub use census::{BASELINES, Baseline, Census};
@@ -122,11 +120,7 @@ impl Plan {
     /// # Errors
     /// [`SceneError`] of the city's file.
     pub fn scene(&self) -> Result<Scene, SceneError> {
-        Ok(match &self.city {
-            Some(file) => city::furnished_from_file(file)?,
-            None if self.quick => city::furnished(CitySize::Small),
-            None => city::furnished(CitySize::Medium),
-        })
+        city::furnished_for(self.city.as_deref(), self.quick)
     }
 }
 
@@ -311,10 +305,7 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, WorkloadError> {
     let start = Instant::now();
     // Found out now rather than after minutes of measuring.
     report::check(out)?;
-    let progress = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {pos} {elapsed} {msg}") {
-        progress.set_style(style);
-    }
+    let progress = spinner();
     progress.set_message("making the scene");
     let mut stage = WorkloadStage::new(plan.scene()?, plan.size)?;
     let learned = learn(&mut stage, plan.path, plan.cost, plan.quick, &progress)?;

@@ -11,14 +11,14 @@ mod report;
 use std::path::{Path, PathBuf};
 
 use bevy::{math::UVec2, platform::time::Instant};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::{AccuracyError, Report, Summary, Timing};
 use crate::{
     contribution::{ContributionCulling, Exit},
     offline::{
-        scenes::city::{self, CitySize},
+        scenes::city,
+        spinner,
         workload::{Drawn, WorkloadStage},
     },
 };
@@ -236,16 +236,9 @@ pub struct ContributionError {
 pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
     let start = Instant::now();
     let mut report = Report::new(out, "contribution")?;
-    let progress = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {pos} {elapsed} {msg}") {
-        progress.set_style(style);
-    }
+    let progress = spinner();
     progress.set_message("making the scene");
-    let scene = match &plan.city {
-        Some(file) => city::furnished_from_file(file)?,
-        None if plan.quick => city::furnished(CitySize::Small),
-        None => city::furnished(CitySize::Medium),
-    };
+    let scene = city::furnished_for(plan.city.as_deref(), plan.quick)?;
     let mut stage = WorkloadStage::new(scene, plan.size)?;
     let wanted = plan.views();
     let views: Vec<_> = stage

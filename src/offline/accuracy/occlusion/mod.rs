@@ -12,20 +12,22 @@ mod setting;
 use std::path::{Path, PathBuf};
 
 use bevy::{math::UVec2, math::UVec3, platform::time::Instant};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::{AccuracyError, Report, Summary, Timing};
 use crate::{
     occlusion::{OccludeeVolume, Recheck, Sampling, ZBufferOcclusion},
-    offline::scenes::{
-        CameraPath, Scene,
-        bunnies::{self, Block},
-        city::{self, CitySize},
-        compare::Difference,
-        paths::PATHS,
-        seabed::seabed,
-        stage::Culling,
+    offline::{
+        scenes::{
+            CameraPath, Scene,
+            bunnies::{self, Block},
+            city::{self, CitySize},
+            compare::Difference,
+            paths::PATHS,
+            seabed::seabed,
+            stage::Culling,
+        },
+        spinner,
     },
 };
 
@@ -276,10 +278,7 @@ impl OcclusionError {
 pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
     let start = Instant::now();
     let mut report = Report::new(out, "occlusion")?;
-    let progress = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {pos} {elapsed} {msg}") {
-        progress.set_style(style);
-    }
+    let progress = spinner();
     let (mut lines, mut rests) = (Vec::new(), Vec::new());
     let mut adapter = String::new();
     for &kind in &plan.scenes {
