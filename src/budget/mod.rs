@@ -13,7 +13,7 @@
 //! | [`controller`] | the choice of each frame; plain data, no app |
 //! | [`ladder`] | which other knob moves, and when |
 //! | [`knobs`], [`built_in`] | the registry, and the knobs of this suite |
-//! | [`policy`] | what it is compared with: fixed polygons, distance, threshold |
+//! | [`policy`] | what it is compared with: a fixed number of polygons, a fixed view distance |
 //!
 //! # A frame
 //! | When | What |
@@ -49,7 +49,7 @@ use crate::{
     contribution::{ContributionCamera, ContributionSteps},
     culling::CullSystems,
     plugin::ReportSystems,
-    systems::budget as systems,
+    systems::{budget as systems, workload_policy::follow_policy},
 };
 use controller::Controller;
 use measure::{FrameTimes, RenderClock};
@@ -248,7 +248,7 @@ pub(crate) fn register(app: &mut App) {
             PostUpdate,
             (
                 systems::choose.run_if(is_awake),
-                systems::follow_policy.run_if(policy::is_followed),
+                follow_policy.run_if(policy::is_followed),
             )
                 .chain()
                 .in_set(ContributionSteps::Choose),

@@ -1,35 +1,31 @@
 //! What a frame budget is compared with: the ways to bound a workload that P4 and others use (P4's experiments).
 //!
-//! All of them take entities out the way contribution culling does: they write the areas that it compares.
+//! | P4's baseline | On the camera |
+//! |---|---|
+//! | no culling | nothing, and Bevy's `NoFrustumCulling` on every object |
+//! | frustum alone | nothing |
+//! | a fixed number of polygons | [`WorkloadPolicy::Polygons`] |
+//! | a fixed view distance | [`WorkloadPolicy::Distance`] |
+//! | a fixed threshold | [`ContributionCulling`] by itself, P4's own method |
 
-use bevy::{
-    camera::visibility::NoCpuCulling, ecs::lifecycle::HookContext, ecs::world::DeferredWorld,
-    prelude::*,
-};
+use bevy::{math::Affine3A, prelude::*};
 
-use crate::contribution::ContributionCulling;
+use crate::{contribution::ContributionCulling, culling::volume::LocalBox};
 
 /// On a camera: bounds what it draws by something other than time. For comparison; a
 /// [`FrameBudget`](super::FrameBudget) on the same camera overrides it.
 ///
-/// Needs [`ContributionPlugin`](crate::plugin::ContributionPlugin). Where the camera has no
-/// [`ContributionCulling`] it gets one that removes nothing by itself and cuts.
-#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
-#[reflect(Component, Default, Clone, Debug, PartialEq)]
+/// It takes entities out the way contribution culling does, by writing the areas that it compares, and so needs
+/// [`ContributionPlugin`](crate::plugin::ContributionPlugin). Where the camera has no [`ContributionCulling`] it gets
+/// one that removes nothing by itself and cuts.
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Component, Clone, Debug, PartialEq)]
 #[require(ContributionCulling = removes_nothing())]
-#[component(on_insert = cull_by_frustum_or_not, on_discard = cull_by_frustum_again)]
 pub enum WorkloadPolicy {
-    /// Everything, what is out of view included: the camera gets `NoCpuCulling`.
-    None,
-    /// What is in view.
-    #[default]
-    Frustum,
     /// The nearest objects in view, as many as have together no more than so many triangles (P4, its first baseline).
     Polygons(u64),
-    /// What in view is, with the centre of its bound, no farther than this. units: m
+    /// What in view is, with the nearest point of its bound, no farther than this. units: m
     Distance(f32),
-    /// What in view covers no less than this (P4, its method). units: px²
-    Threshold(f32),
 }
 
 fn removes_nothing() -> ContributionCulling {
@@ -42,46 +38,44 @@ fn removes_nothing() -> ContributionCulling {
     }
 }
 
-fn cull_by_frustum_or_not(mut world: DeferredWorld, context: HookContext) {
-    if world.get::<WorkloadPolicy>(context.entity) == Some(&WorkloadPolicy::None) {
-        world.commands().entity(context.entity).insert(NoCpuCulling);
-    }
-}
-
-fn cull_by_frustum_again(mut world: DeferredWorld, context: HookContext) {
-    if world.get::<WorkloadPolicy>(context.entity) == Some(&WorkloadPolicy::None) {
-        // The camera may be on its way out.
-        if let Ok(mut camera) = world.commands().get_entity(context.entity) {
-            camera.try_remove::<NoCpuCulling>();
-        }
-    }
-}
-
 /// Whether a camera follows a policy.
 pub(crate) fn is_followed(cameras: Query<(), With<WorkloadPolicy>>) -> bool {
     !cameras.is_empty()
 }
 
-/// Of objects, by distance and triangles, which are within a number of triangles; the nearest first. Objects at the
-/// same distance stay in their order. Afterwards `order` holds the indices by distance; returns how many of them stay.
-pub fn nearest_within(
-    order: &mut Vec<u32>,
-    of: impl Fn(u32) -> (f32, u32),
-    len: usize,
-    triangles: u64,
-) -> usize {
-    order.clear();
-    order.extend(0..len as u32);
-    order.sort_unstable_by(|a, b| of(*a).0.total_cmp(&of(*b).0).then(a.cmp(b)));
-    let mut left = triangles;
-    order
+/// How far the nearest point of a bound is from an eye, if the object is turned, moved and scaled evenly; of an object
+/// that is scaled to nothing, how far its place is. units: m
+pub fn distance_m(eye: Vec3, world_from_local: &Affine3A, bound: &LocalBox) -> f32 {
+    let local = world_from_local.inverse().transform_point3(eye);
+    let nearest = if local.is_finite() {
+        bound.nearest(local)
+    } else {
+        Vec3::ZERO
+    };
+    world_from_local.transform_point3(nearest).distance(eye)
+}
+
+/// One object in view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InView {
+    /// Its place among them all.
+    pub at: u32,
+    /// See [`distance_m`].
+    pub distance_m: f32,
+    /// Triangles of its mesh.
+    pub triangles: u32,
+}
+
+/// Sorts objects, the nearest first, those at the same distance by their place; returns how many of them are together
+/// within a number of triangles. Beyond the first that is not, nothing is, however small.
+pub fn nearest_within(objects: &mut [InView], triangles: u64) -> usize {
+    objects.sort_unstable_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.at.cmp(&b.at)));
+    let mut sum = 0;
+    objects
         .iter()
-        .take_while(|i| match left.checked_sub(u64::from(of(**i).1)) {
-            Some(rest) => {
-                left = rest;
-                true
-            }
-            None => false,
+        .take_while(|object| {
+            sum += u64::from(object.triangles);
+            sum <= triangles
         })
         .count()
 }
@@ -92,14 +86,46 @@ mod tests {
 
     #[test]
     fn the_nearest_stay_until_the_triangles_are_used_up() {
-        let objects = [(5.0, 10), (1.0, 20), (3.0, 30), (2.0, 40), (9.0, 0)];
-        let mut order = Vec::new();
-        let of = |i: u32| objects[i as usize];
-        assert_eq!(nearest_within(&mut order, of, 5, 90), 3);
-        assert_eq!(order[..3], [1, 3, 2]);
-        assert_eq!(nearest_within(&mut order, of, 5, 89), 2);
-        assert_eq!(nearest_within(&mut order, of, 5, 19), 0);
-        assert_eq!(nearest_within(&mut order, of, 5, 100), 5);
-        assert_eq!(nearest_within(&mut order, of, 0, 100), 0);
+        let objects = [
+            (5.0, 10),
+            (1.0, 20),
+            (3.0, 30),
+            (2.0, 40),
+            (9.0, 0),
+            (3.0, 1),
+        ];
+        let mut at = 0..;
+        let mut objects = objects.map(|(distance_m, triangles)| InView {
+            at: at.next().unwrap_or(0),
+            distance_m,
+            triangles,
+        });
+        assert_eq!(nearest_within(&mut objects, 91), 4);
+        assert_eq!(objects.map(|of| of.at), [1, 3, 2, 5, 0, 4]);
+        assert_eq!(nearest_within(&mut objects, 89), 2);
+        assert_eq!(nearest_within(&mut objects, 19), 0);
+        assert_eq!(nearest_within(&mut objects, 101), 6);
+        assert_eq!(nearest_within(&mut [], 100), 0);
+    }
+
+    #[test]
+    fn distance_is_to_the_nearest_point() {
+        let bound = LocalBox {
+            centre: Vec3::ZERO,
+            axes: [Vec3::X, Vec3::Y, Vec3::Z],
+        };
+        let at = |transform: Transform| transform.compute_affine();
+        let turned = at(Transform::from_xyz(10.0, 0.0, 0.0)
+            .with_rotation(Quat::from_rotation_z(0.5))
+            .with_scale(Vec3::splat(2.0)));
+        // A few roundings of numbers up to 20.
+        let inside = distance_m(Vec3::new(10.5, 0.0, 0.0), &turned, &bound);
+        assert!(inside < 16.0 * 20.0 * f32::EPSILON, "{inside}");
+        let unturned = at(Transform::from_xyz(10.0, 0.0, 0.0).with_scale(Vec3::splat(2.0)));
+        assert_eq!(distance_m(Vec3::ZERO, &unturned, &bound), 8.0);
+        let above = Vec3::new(15.0, 6.0, 0.0);
+        assert_eq!(distance_m(above, &unturned, &bound), 5.0);
+        let gone = at(Transform::from_xyz(10.0, 0.0, 0.0).with_scale(Vec3::ZERO));
+        assert_eq!(distance_m(Vec3::ZERO, &gone, &bound), 10.0);
     }
 }

@@ -21,6 +21,20 @@ impl LocalBox {
             .iter()
             .all(|axis| axis.to_array().iter().filter(|part| **part != 0.0).count() <= 1)
     }
+
+    /// Its point nearest to a point of the same space.
+    pub fn nearest(&self, point: Vec3) -> Vec3 {
+        let from_centre = point - self.centre;
+        let along = |axis: &Vec3| {
+            let length2 = axis.length_squared();
+            if length2 > 0.0 {
+                *axis * (from_centre.dot(*axis) / length2).clamp(-1.0, 1.0)
+            } else {
+                Vec3::ZERO
+            }
+        };
+        self.centre + self.axes.iter().map(along).sum::<Vec3>()
+    }
 }
 
 /// All points within `radius` of a triangle.

@@ -15,11 +15,10 @@ use bevy::{
 use crate::{
     budget::{
         Budget, BudgetClock, BudgetState, BudgetStatus, BudgetWork, FrameBudget, GivenFrameTimes,
-        Knobs, WorkloadPolicy,
+        Knobs,
         built_in::CONTRIBUTION_AREA,
         controller::{Contribution, Input, Measured},
         measure::{Bound, RenderClock},
-        policy::nearest_within,
         workload::{AreaProfile, Workload, object_px},
     },
     contribution::{ContributionCamera, ContributionCulling},
@@ -392,63 +391,6 @@ pub fn note_drawn(
     }
     work.controller
         .drew(frame, drawn + rays(terrain.as_deref(), picture));
-}
-
-/// Lets cameras without a budget remove what their policy says.
-pub fn follow_policy(
-    table: Option<Res<Candidates>>,
-    mut order: Local<Vec<u32>>,
-    mut cameras: Query<
-        (
-            &WorkloadPolicy,
-            &GlobalTransform,
-            &VisibleEntities,
-            &mut ContributionCamera,
-        ),
-        Without<FrameBudget>,
-    >,
-) {
-    let Some(table) = table else {
-        return;
-    };
-    for (policy, place, visible, mut camera) in &mut cameras {
-        let list = visible.get(TypeId::of::<Mesh3d>());
-        let from = place.translation();
-        // Distance and triangles of one in the list; what may not be removed is at no distance and costs nothing.
-        let of = |i: u32| {
-            let entity = list.get(i as usize).copied();
-            let slot = entity.and_then(|entity| table.weighable(entity));
-            slot.and_then(|slot| table.get(slot))
-                .map_or((0.0, 0), |of| {
-                    let centre = of.world_from_local.transform_point3(of.volume.centre);
-                    (from.distance(centre), of.triangles)
-                })
-        };
-        // One that is compared with 1: what is below goes.
-        const GOES: f32 = 0.0;
-        match *policy {
-            WorkloadPolicy::None | WorkloadPolicy::Frustum => camera.demanded_px2 = 0.0,
-            WorkloadPolicy::Threshold(px2) => {
-                camera.demanded_px2 = if px2.is_finite() { px2.max(0.0) } else { 0.0 };
-            }
-            WorkloadPolicy::Distance(most) => {
-                camera.demanded_px2 = 1.0;
-                for (i, area) in camera.areas.iter_mut().enumerate() {
-                    let is_near = of(i as u32).0 <= most;
-                    *area = if is_near { f32::INFINITY } else { GOES };
-                }
-            }
-            WorkloadPolicy::Polygons(triangles) => {
-                camera.demanded_px2 = 1.0;
-                let len = camera.areas.len();
-                let stays = nearest_within(&mut order, of, len, triangles);
-                camera.areas.fill(f32::INFINITY);
-                for i in &order[stays..] {
-                    camera.areas[*i as usize] = GOES;
-                }
-            }
-        }
-    }
 }
 
 /// Writes the budget's entry in [`Effects`] and its diagnostics. Allocates only when the state changes in kind.

@@ -7,3 +7,4 @@ pub mod contribution_fade;
 pub mod occlusion;
 pub mod terrain;
 pub mod terrain_shadow;
+pub mod workload_policy;

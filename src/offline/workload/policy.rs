@@ -1,11 +1,8 @@
 //! What decides which objects a frame draws: nothing, the frustum, P4's baselines, a fixed threshold, or the budget.
 
-use core::{any::TypeId, fmt, str::FromStr};
+use core::{any::TypeId, fmt, ops::RangeInclusive, str::FromStr};
 
-use bevy::{
-    camera::{primitives::Aabb, visibility::VisibleEntities},
-    prelude::*,
-};
+use bevy::{camera::visibility::VisibleEntities, prelude::*};
 
 use crate::culling::{CullSteps, CullSystems};
 
@@ -105,100 +102,32 @@ impl FromStr for Policy {
 #[derive(Component, Clone, Copy, Debug)]
 pub struct Triangles(pub u32);
 
-/// On a camera: of the objects in view, which are drawn. Unlike
-/// [`WorkloadPolicy`](crate::budget::WorkloadPolicy) it goes by the nearest point of a bound rather than by its middle,
-/// or the ground would go before what stands on it; and it measures no areas, which the baselines do not need.
-#[derive(Component, Clone, Copy, Debug, PartialEq)]
-pub(super) enum Keep {
-    /// The nearest, until the next would make it more triangles than these.
-    Polygons(u64),
-    /// Those of which some point is no farther. units: m
-    Within(f32),
-    /// Those with at least so many triangles and at most so many. For telling what objects cost from what triangles
-    /// do.
-    Between(u32, u32),
-}
+/// On a camera: of the objects in view, those with at least so many triangles and at most so many are drawn. For telling
+/// what objects cost from what triangles do.
+#[derive(Component, Clone, Debug, PartialEq)]
+pub(super) struct Only(pub RangeInclusive<u32>);
 
-/// Adds the baselines to an app.
-pub(super) struct PolicyPlugin;
+/// Adds [`Only`] to an app.
+pub(super) struct OnlyPlugin;
 
-impl Plugin for PolicyPlugin {
+impl Plugin for OnlyPlugin {
     fn build(&self, app: &mut App) {
         app.add_systems(
             PostUpdate,
-            keep.in_set(CullSystems)
-                // A camera has one or the other; the order is for certainty's sake.
+            keep_only
+                .in_set(CullSystems)
+                // No camera has both; the order is for certainty's sake.
                 .after(CullSteps::Occlusion),
         );
     }
 }
 
-/// How far the nearest point of a bound is from an eye, if the object is turned, moved and scaled evenly. units: m
-pub(super) fn distance_m(eye: Vec3, place: &GlobalTransform, bound: &Aabb) -> f32 {
-    let local = place.affine().inverse().transform_point3(eye);
-    let nearest = local.clamp(bound.min().into(), bound.max().into());
-    place.transform_point(nearest).distance(eye)
-}
-
-/// One object in view.
-#[derive(Clone, Copy)]
-struct InView {
-    at: usize,
-    distance_m: f32,
-    triangles: u32,
-}
-
 /// Takes what is not to be drawn out of each camera's list, which keeps its order.
-fn keep(
-    mut cameras: Query<(&Keep, &GlobalTransform, &mut VisibleEntities)>,
-    objects: Query<(&Triangles, &GlobalTransform, &Aabb)>,
-    mut scratch: Local<(Vec<InView>, Vec<bool>)>,
-) {
-    let (in_view, kept) = &mut *scratch;
-    for (keep, place, mut visible) in &mut cameras {
-        let eye = place.translation();
-        let list = visible.get_mut(TypeId::of::<Mesh3d>());
-        in_view.clear();
-        kept.clear();
-        kept.resize(list.len(), true);
-        for (at, entity) in list.iter().enumerate() {
-            // What has no bound yet stays.
-            if let Ok((triangles, place, bound)) = objects.get(*entity) {
-                in_view.push(InView {
-                    at,
-                    distance_m: distance_m(eye, place, bound),
-                    triangles: triangles.0,
-                });
-            }
-        }
-        match *keep {
-            Keep::Polygons(most) => {
-                in_view.sort_unstable_by(|a, b| {
-                    a.distance_m.total_cmp(&b.distance_m).then(a.at.cmp(&b.at))
-                });
-                let mut sum = 0;
-                for object in in_view.iter() {
-                    // Once it is reached nothing farther is drawn, however small.
-                    sum += u64::from(object.triangles);
-                    kept[object.at] = sum <= most;
-                }
-            }
-            Keep::Within(metres) => {
-                for object in in_view.iter() {
-                    kept[object.at] = object.distance_m <= metres;
-                }
-            }
-            Keep::Between(least, most) => {
-                for object in in_view.iter() {
-                    kept[object.at] = (least..=most).contains(&object.triangles);
-                }
-            }
-        }
-        let mut at = 0;
-        list.retain(|_| {
-            at += 1;
-            kept[at - 1]
-        });
+fn keep_only(mut cameras: Query<(&Only, &mut VisibleEntities)>, objects: Query<&Triangles>) {
+    for (only, mut visible) in &mut cameras {
+        visible
+            .get_mut(TypeId::of::<Mesh3d>())
+            .retain(|entity| objects.get(*entity).is_ok_and(|of| only.0.contains(&of.0)));
     }
 }
 
@@ -237,23 +166,5 @@ mod tests {
             let error = wrong.parse::<Policy>().expect_err(wrong);
             assert!(error.contains(names), "{wrong}: {error}");
         }
-    }
-
-    #[test]
-    fn distance_is_to_the_nearest_point() {
-        let bound = Aabb::from_min_max(Vec3::splat(-1.0), Vec3::splat(1.0));
-        let place = GlobalTransform::from(
-            Transform::from_xyz(10.0, 0.0, 0.0)
-                .with_rotation(Quat::from_rotation_z(0.5))
-                .with_scale(Vec3::splat(2.0)),
-        );
-        // A few roundings of numbers up to 20.
-        let inside = distance_m(Vec3::new(10.5, 0.0, 0.0), &place, &bound);
-        assert!(inside < 16.0 * 20.0 * f32::EPSILON, "{inside}");
-        let unturned =
-            GlobalTransform::from(Transform::from_xyz(10.0, 0.0, 0.0).with_scale(Vec3::splat(2.0)));
-        assert_eq!(distance_m(Vec3::ZERO, &unturned, &bound), 8.0);
-        let above = Vec3::new(15.0, 6.0, 0.0);
-        assert_eq!(distance_m(above, &unturned, &bound), 5.0);
     }
 }

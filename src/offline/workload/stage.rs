@@ -15,10 +15,12 @@ use super::{
     WorkloadError,
     cost::{Cost, Drawn},
     path::{Pose, WorkloadPath},
-    policy::{Keep, Policy, PolicyPlugin, Triangles, distance_m},
+    policy::{Only, OnlyPlugin, Policy, Triangles},
 };
 use crate::{
-    budget::{BudgetClock, FrameBudget, GivenFrameTimes, Knobs},
+    budget::{
+        BudgetClock, FrameBudget, GivenFrameTimes, Knobs, WorkloadPolicy, policy::distance_m,
+    },
     contribution::{ContributionCounts, ContributionCulling, Exit, area::AreaView},
     culling::volume::LocalBox,
     offline::{
@@ -98,7 +100,7 @@ impl WorkloadStage {
     /// [`WorkloadError::Offline`] without a GPU, [`WorkloadError::Size`] where it cannot draw such a picture.
     pub fn new(scene: Scene, size: UVec2) -> Result<Self, WorkloadError> {
         let mut offline = Offline::with(|app| {
-            app.add_plugins(PolicyPlugin);
+            app.add_plugins(OnlyPlugin);
         })?;
         let limit = offline.max_image_side();
         if size.max_element() > limit || size.min_element() == 0 {
@@ -151,8 +153,8 @@ impl WorkloadStage {
         };
         match *policy {
             Policy::None | Policy::Frustum => self.begin_with(()),
-            Policy::Polygons(most) => self.begin_with(Keep::Polygons(most)),
-            Policy::Distance(metres) => self.begin_with(Keep::Within(metres)),
+            Policy::Polygons(most) => self.begin_with(WorkloadPolicy::Polygons(most)),
+            Policy::Distance(metres) => self.begin_with(WorkloadPolicy::Distance(metres)),
             Policy::Threshold(area) => self.begin_with(contribution(area)),
             Policy::Budget => {
                 let budget = FrameBudget {
@@ -265,12 +267,13 @@ impl WorkloadStage {
             let out = frustum.is_some_and(|frustum| {
                 !frustum.intersects_obb(bound, &place.affine(), true, false)
             });
+            let volume = LocalBox::from(*bound);
             let area_px2 = match view.as_ref().filter(|_| !out) {
-                Some(view) => view.area_px2(&place.affine(), &LocalBox::from(*bound)),
+                Some(view) => view.area_px2(&place.affine(), &volume),
                 None => 0.0,
             };
             let seen = Seen {
-                distance_m: distance_m(eye, place, bound),
+                distance_m: distance_m(eye, &place.affine(), &volume),
                 area_px2,
                 drawn: Drawn {
                     objects: 1.0,
@@ -319,19 +322,22 @@ impl WorkloadStage {
         self.begin(&Policy::Frustum, 0.0, Clock::Time);
         let reach = 0.15 * self.scene.bounds[0].distance(self.scene.bounds[1]);
         let sets = [
-            None,
-            Some(Keep::Within(reach)),
-            Some(Keep::Within(0.4 * reach)),
-            Some(Keep::Between(0, 150)),
-            Some(Keep::Between(400, u32::MAX)),
+            (None, None),
+            (Some(WorkloadPolicy::Distance(reach)), None),
+            (Some(WorkloadPolicy::Distance(0.4 * reach)), None),
+            (None, Some(Only(0..=150))),
+            (None, Some(Only(400..=u32::MAX))),
         ];
         let mut frames = Vec::new();
-        for keep in sets {
+        for (policy, only) in sets {
             let mut camera = self.offline.app.world_mut().entity_mut(self.camera);
-            match keep {
-                Some(keep) => camera.insert(keep),
-                None => camera.remove::<Keep>(),
-            };
+            camera.remove::<(WorkloadPolicy, Only)>();
+            if let Some(policy) = policy {
+                camera.insert(policy);
+            }
+            if let Some(only) = only {
+                camera.insert(only);
+            }
             for place in 0..places {
                 let mut least = f64::INFINITY;
                 let mut drawn = Drawn::default();
