@@ -1,9 +1,9 @@
 //! Chooses where the knobs stand, from what frames did and took. Plain data: it knows no app and no clock.
 //!
-//! Each frame it is told what is in view ([`AreaProfile`]) and, for a frame some frames ago, what it took. It then
+//! Each frame it is told what is in view ([`DemandProfile`]) and, for a frame some frames ago, what it took. It then
 //! 1. **learns** what work costs ([`CostModel`]) and by how much that is off just now ([`Trim`]);
 //! 2. **aims** below the target by as much as frames scatter, so that one in a hundred exceeds it;
-//! 3. **picks** the lowest contribution threshold whose predicted time meets the aim;
+//! 3. **picks** the lowest demand on contribution culling whose predicted time meets the aim;
 //! 4. **moves** another knob a step, if for some time that has lost less of the picture ([`Ladder`]).
 //!
 //! # Guarantees
@@ -20,8 +20,9 @@ use super::{
     ladder::{Ladder, Move, Situation},
     model::CostModel,
     trim::{Found, Trim},
-    workload::{AreaProfile, BINS, Workload},
+    workload::{DemandProfile, Workload},
 };
+use crate::contribution::rank::NEVER_GOES;
 
 /// A time above this is no frame's: the app was stopped. units: ms
 pub const LONGEST_MS: f32 = 10_000.0;
@@ -59,8 +60,6 @@ const REACH_AHEAD: f64 = 3.0;
 /// What is left of the model's memory when the machine has changed by more than this. Logarithm.
 const LEAP: f64 = 0.3;
 const AFTER_CHANGE: f64 = 0.7;
-/// The largest area that contribution culling may take away, as a share of the picture: a quarter of each side.
-const LARGEST_GOES: f64 = 1.0 / 16.0;
 
 /// What a frame took.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,9 +80,7 @@ pub struct Input<'a> {
     /// What a past frame took, if that has become known since the last step.
     pub measured: Option<Measured>,
     /// What is in view, summed up.
-    pub profile: &'a AreaProfile,
-    /// The threshold that holds without the budget. units: px²
-    pub floor_px2: f32,
+    pub profile: &'a DemandProfile,
     /// Whether there is contribution culling, and it is not in the user's hand.
     pub contribution: Contribution,
     /// Times come in multiples of this, as they do where a display is waited for. units: ms
@@ -267,19 +264,18 @@ impl Controller {
         } else {
             REACH
         };
-        let floor = AreaProfile::bin(input.floor_px2.max(0.0)).min(BINS - 1);
         let limit = match input.contribution {
             Contribution::Budget => {
-                AreaProfile::bin((profile.picture_px2() * LARGEST_GOES) as f32).max(floor)
+                DemandProfile::bin((profile.picture_px2() * f64::from(NEVER_GOES)) as f32)
             }
-            _ => floor,
+            _ => 0,
         };
         let time = |bin: usize, scaling: &Workload, left: f64| {
             left * factor * model.predict(&profile.kept(bin).scaled(scaling))
         };
         // The lowest bin that is predicted to take at most so long; times fall as bins rise.
         let lowest = |ms: f64, scaling: &Workload, left: f64| {
-            let (mut low, mut high) = (floor, limit);
+            let (mut low, mut high) = (0, limit);
             while low < high {
                 let middle = (low + high) / 2;
                 if time(middle, scaling, left) <= ms {
@@ -291,22 +287,22 @@ impl Controller {
             low
         };
         self.bin = match input.contribution {
-            Contribution::Absent => floor,
-            Contribution::Manual(px2) => AreaProfile::bin(px2).max(floor),
+            Contribution::Absent => 0,
+            Contribution::Manual(px2) => DemandProfile::bin(px2),
             Contribution::Budget => {
                 let stays = STAYS.max(STAYS_DEVIATIONS * scatter) * target;
                 let wanted = lowest(aim, &scaling, left);
                 let heard = factor * left * model.predict(&self.last_expected);
-                let from = self.last_bin.clamp(floor, limit);
+                let from = self.last_bin.min(limit);
                 let back = (aim / heard).ln().abs();
                 let ahead = (heard / time(from, &scaling, left)).ln().abs();
                 let allowed = (back * reach).min(back + REACH_BEYOND) + ahead * REACH_AHEAD;
                 let wanted = within_reach(profile, from, wanted, allowed);
-                let kept = self.bin.clamp(floor, limit);
+                let kept = self.bin.min(limit);
                 let off = time(kept, &scaling, left) - aim;
                 let is_close = off <= stays && -off <= stays.max(STAYS_BELOW * target);
                 // Not held up for the sake of calm when nothing need be taken away at all.
-                if is_close && wanted != floor {
+                if is_close && wanted != 0 {
                     kept
                 } else {
                     wanted
@@ -318,7 +314,7 @@ impl Controller {
         let loss_for = |ms: f64| {
             let bin = lowest(ms, &scaling, left);
             if time(bin, &scaling, left) <= ms {
-                profile.loss(floor, bin)
+                profile.loss(0, bin)
             } else {
                 f64::INFINITY
             }
@@ -370,19 +366,19 @@ impl Controller {
         }
         self.remember(input, scaling, left, Some(predicted));
         self.decision = Decision {
-            status: match (missed, bin == floor && is_best) {
+            status: match (missed, bin == 0 && is_best) {
                 (true, _) if !can_move => Status::Short,
                 (_, true) if predicted <= target => Status::Ample,
                 _ => Status::Held,
             },
             threshold_px2: match input.contribution {
-                Contribution::Budget if bin > floor => AreaProfile::edge(bin),
+                Contribution::Budget if bin > 0 => DemandProfile::edge(bin),
                 Contribution::Manual(px2) => px2,
                 _ => 0.0,
             },
             predicted_ms: Some(predicted as f32),
             aim_ms: aim as f32,
-            loss: profile.loss(floor, bin) as f32,
+            loss: profile.loss(0, bin) as f32,
             moved,
         };
         self.decision
@@ -499,7 +495,7 @@ fn is_jump(before: &Workload, now: &Workload) -> bool {
 /// the term that changes most. So, whatever the model has wrong about which term costs what, an error that was
 /// measured is at most [`REACH`] − 1 times as large in the frame that answers it, and never beyond the aim by more than
 /// [`REACH_BEYOND`]: a reach below 2 makes it die away.
-fn within_reach(profile: &AreaProfile, from: usize, wanted: usize, allowed: f64) -> usize {
+fn within_reach(profile: &DemandProfile, from: usize, wanted: usize, allowed: f64) -> usize {
     if !allowed.is_finite() {
         return wanted;
     }

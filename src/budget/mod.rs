@@ -53,7 +53,7 @@ use crate::{
 };
 use controller::Controller;
 use measure::{FrameTimes, RenderClock};
-use workload::AreaProfile;
+use workload::DemandProfile;
 
 /// On a camera: holds the app's frame time to a target by moving other effects' knobs, those with the least visible
 /// loss first, and gives them back in reverse.
@@ -176,7 +176,7 @@ pub struct Budget {
 #[derive(Default)]
 pub(crate) struct BudgetWork {
     pub(crate) controller: Controller,
-    pub(crate) profile: AreaProfile,
+    pub(crate) profile: DemandProfile,
     pub(crate) times: FrameTimes,
     /// Area of each candidate in view, by slot. units: px²
     pub(crate) areas: Vec<f32>,

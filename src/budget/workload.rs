@@ -1,4 +1,4 @@
-//! What a frame has to do, as numbers; and how much of it any contribution threshold leaves.
+//! What a frame has to do, as numbers; and how much of it any demand on contribution culling leaves.
 
 /// What a frame draws: what its time is predicted from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,6 +29,17 @@ impl Workload {
             triangles: self.triangles * by.triangles,
             pixels: self.pixels * by.pixels,
             rays: self.rays * by.rays,
+        }
+    }
+
+    /// One object that covers so much of a viewport. units: px²
+    pub fn object(triangles: u32, area_px2: f32, viewport_px2: f32) -> Self {
+        Self {
+            objects: 1.0,
+            triangles: f64::from(triangles),
+            // `min` and `max` pass over what is no number.
+            pixels: f64::from(area_px2.min(viewport_px2).max(0.0)),
+            rays: 0.0,
         }
     }
 
@@ -67,28 +78,29 @@ impl core::ops::Sub for Workload {
     }
 }
 
-/// Bits of an area's mantissa that tell bins apart: 64 bins an octave, each 1.1 to 1.6 % wide.
+/// Bits of a demand's mantissa that tell bins apart: 64 bins an octave, each 1.1 to 1.6 % wide.
 const MANTISSA_BITS: u32 = 6;
 const SHIFT: u32 = 23 - MANTISSA_BITS;
-/// Areas below 2⁻⁶ px² are one bin, and so are those from 2²⁴ px² on, a picture of 4096×4096.
+/// Demands below 2⁻⁶ px² are one bin, and so are those from 2²⁴ px² on, a picture of 4096×4096.
 const LOWEST: u32 = ((127 - 6) << 23) >> SHIFT;
 const HIGHEST: u32 = ((127 + 24) << 23) >> SHIFT;
-/// Bins of an [`AreaProfile`].
+/// Bins of an [`DemandProfile`].
 pub const BINS: usize = (HIGHEST - LOWEST) as usize + 2;
 
-/// What cameras have in view, by the area each object covers. The work that a threshold leaves is looked up.
+/// What cameras have in view, by the demand that each object stays up to
+/// ([`stays_up_to_px2`](crate::contribution::rank::stays_up_to_px2)). The work that a demand leaves is looked up.
 ///
-/// A histogram over the areas' leading bits, so that the edges of bins are exact `f32` numbers and what a threshold
-/// on an edge keeps is what the culling keeps. Its memory is taken once.
+/// A histogram over the demands' leading bits, so that the edges of bins are exact `f32` numbers and what a demand on
+/// an edge keeps is what the culling keeps, but for rounding. Its memory is taken once.
 #[derive(Clone, Debug)]
-pub struct AreaProfile {
+pub struct DemandProfile {
     /// What is in each bin; after [`finish`](Self::finish), what is in it and in all above.
     bins: Vec<Workload>,
     /// Pixels of the picture. units: px²
     picture: f64,
 }
 
-impl Default for AreaProfile {
+impl Default for DemandProfile {
     fn default() -> Self {
         Self {
             bins: vec![Workload::default(); BINS],
@@ -97,8 +109,8 @@ impl Default for AreaProfile {
     }
 }
 
-impl AreaProfile {
-    /// The lowest area that is in a bin. units: px²
+impl DemandProfile {
+    /// The lowest demand that is in a bin. units: px²
     pub fn edge(bin: usize) -> f32 {
         match bin.min(BINS - 1) {
             0 => 0.0,
@@ -106,13 +118,13 @@ impl AreaProfile {
         }
     }
 
-    /// The bin of an area. What is no number counts as infinite.
-    pub fn bin(area_px2: f32) -> usize {
-        if area_px2.is_nan() {
+    /// The bin of a demand. What is no number counts as infinite.
+    pub fn bin(px2: f32) -> usize {
+        if px2.is_nan() {
             return BINS - 1;
         }
-        // Positive floats are in the order of their bits; negative zero and below are no areas.
-        let bits = area_px2.max(0.0).to_bits() >> SHIFT;
+        // Positive floats are in the order of their bits; negative zero and below are none.
+        let bits = px2.max(0.0).to_bits() >> SHIFT;
         match bits {
             bits if bits < LOWEST => 0,
             bits if bits >= HIGHEST => BINS - 1,
@@ -133,15 +145,13 @@ impl AreaProfile {
         }
     }
 
-    /// Adds an object of an area in a viewport of so many pixels.
-    pub fn add(&mut self, area_px2: f32, triangles: u32, viewport_px2: f32) {
-        let bin = &mut self.bins[Self::bin(area_px2)];
-        bin.objects += 1.0;
-        bin.triangles += f64::from(triangles);
-        bin.pixels += object_px(area_px2, viewport_px2);
+    /// Adds an object that stays up to a demand.
+    pub fn add(&mut self, stays_up_to_px2: f32, work: Workload) {
+        let bin = &mut self.bins[Self::bin(stays_up_to_px2)];
+        *bin = *bin + work;
     }
 
-    /// Adds what no threshold takes away.
+    /// Adds what no demand takes away.
     pub fn add_fixed(&mut self, work: Workload) {
         let bin = &mut self.bins[BINS - 1];
         *bin = *bin + work;
@@ -156,12 +166,12 @@ impl AreaProfile {
         }
     }
 
-    /// What a threshold at the lowest area of a bin keeps.
+    /// What the lowest demand of a bin keeps.
     pub fn kept(&self, bin: usize) -> Workload {
         self.bins[bin.min(BINS - 1)]
     }
 
-    /// Share of the picture's pixels that go when the threshold rises from one bin to another. Objects in front of
+    /// Share of the picture's pixels that go when the demand rises from one bin to another. Objects in front of
     /// each other count twice, so it may exceed 1.
     pub fn loss(&self, from: usize, to: usize) -> f64 {
         let gone = self.kept(from).pixels - self.kept(to).pixels;
@@ -178,54 +188,48 @@ impl AreaProfile {
     }
 }
 
-/// Pixels that an object is charged with.
-pub fn object_px(area_px2: f32, viewport_px2: f32) -> f64 {
-    // `min` and `max` pass over what is no number.
-    f64::from(area_px2.min(viewport_px2).max(0.0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn an_area_is_in_the_bin_whose_edges_enclose_it() {
+    fn a_demand_is_in_the_bin_whose_edges_enclose_it() {
         let mut area = 1e-4_f32;
         while area < 1e9 {
-            let bin = AreaProfile::bin(area);
-            assert!(AreaProfile::edge(bin) <= area, "{area}");
+            let bin = DemandProfile::bin(area);
+            assert!(DemandProfile::edge(bin) <= area, "{area}");
             if bin + 1 < BINS {
-                assert!(area < AreaProfile::edge(bin + 1), "{area}");
+                assert!(area < DemandProfile::edge(bin + 1), "{area}");
             }
             area *= 1.003;
         }
         for bin in 0..BINS {
-            assert_eq!(AreaProfile::bin(AreaProfile::edge(bin)), bin);
+            assert_eq!(DemandProfile::bin(DemandProfile::edge(bin)), bin);
         }
-        assert_eq!(AreaProfile::bin(f32::INFINITY), BINS - 1);
-        assert_eq!(AreaProfile::bin(f32::NAN), BINS - 1);
-        assert_eq!(AreaProfile::bin(-3.0), 0);
-        assert_eq!(AreaProfile::bin(-0.0), 0);
+        assert_eq!(DemandProfile::bin(f32::INFINITY), BINS - 1);
+        assert_eq!(DemandProfile::bin(f32::NAN), BINS - 1);
+        assert_eq!(DemandProfile::bin(-3.0), 0);
+        assert_eq!(DemandProfile::bin(-0.0), 0);
     }
 
     #[test]
-    fn a_threshold_keeps_what_is_not_below_it() {
-        let mut profile = AreaProfile::default();
+    fn a_demand_keeps_what_is_not_below_it() {
+        let mut profile = DemandProfile::default();
         profile.add_picture(1_000.0);
         for (area, triangles) in [(0.0, 1), (4.0, 10), (16.0, 100), (f32::INFINITY, 1_000)] {
-            profile.add(area, triangles, 1_000.0);
+            profile.add(area, Workload::object(triangles, area, 1_000.0));
         }
         profile.add_fixed(Workload {
             rays: 7.0,
             ..Workload::default()
         });
         profile.finish();
-        let of = |threshold| profile.kept(AreaProfile::bin(threshold));
+        let of = |threshold| profile.kept(DemandProfile::bin(threshold));
         assert_eq!((of(0.0).objects, of(0.0).triangles), (4.0, 1_111.0));
         assert_eq!((of(4.0).objects, of(4.0).triangles), (3.0, 1_110.0));
         assert_eq!((of(16.0).pixels, of(16.0).rays), (1_016.0, 7.0));
         assert_eq!(of(17.0).objects, 1.0);
-        let loss = profile.loss(0, AreaProfile::bin(17.0));
+        let loss = profile.loss(0, DemandProfile::bin(17.0));
         assert!((loss - 0.02).abs() < 1e-12, "{loss}");
     }
 }

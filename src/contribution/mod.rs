@@ -7,6 +7,9 @@
 //! times the hysteresis, so that nothing flickers. Nothing but the camera's own picture changes: shadows stay, other
 //! cameras keep what they see, and what is left keeps its order.
 //!
+//! A [`FrameBudget`](crate::budget::FrameBudget) on the same camera takes more, and first what costs much for what it
+//! covers ([`rank`]).
+//!
 //! # What the depth buffer shows of it
 //! Where [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) works on the same camera, an area counts only as far
 //! as it lies open in the newest depth that has come back from the GPU: the share of the rectangle, seen from the camera
@@ -29,6 +32,7 @@
 
 pub mod area;
 pub mod fade;
+pub mod rank;
 
 use bevy::{diagnostic::RegisterDiagnostic, prelude::*};
 
@@ -132,8 +136,10 @@ pub struct ContributionCamera {
     pub(crate) areas: Vec<f32>,
     /// Slot of each entity in `VisibleEntities`, in its order; `NO_SLOT` for what is no candidate.
     pub(crate) slots: Vec<u32>,
-    /// What a [`FrameBudget`](crate::budget::FrameBudget) demands. units: px²
+    /// What a [`FrameBudget`](crate::budget::FrameBudget) demands, see [`rank`]. units: px²
     pub(crate) demanded_px2: f32,
+    /// The area from which on nothing goes by that. units: px²
+    pub(crate) never_px2: f32,
     /// Which table slots are of.
     pub(crate) epoch: u32,
     /// In view last frame and this frame, where objects fade.

@@ -19,13 +19,14 @@ use crate::{
         built_in::CONTRIBUTION_AREA,
         controller::{Contribution, Input, Measured},
         measure::{Bound, RenderClock},
-        workload::{AreaProfile, Workload, object_px},
+        workload::{DemandProfile, Workload},
     },
-    contribution::{ContributionCamera, ContributionCulling},
+    contribution::{ContributionCamera, ContributionCulling, rank::stays_up_to_px2},
     culling::candidates::Candidates,
     effects::{Effect, EffectState, Effects},
     occlusion::{OcclusionCamera, OcclusionCounts},
     render_graph::stats::TerrainStats,
+    systems::contribution::{hysteresis, own_threshold},
 };
 
 /// The last frame time that was believed. units: ms
@@ -188,8 +189,8 @@ pub fn choose(
     profile.clear();
     areas.clear();
     areas.resize(table.as_ref().map_or(0, |table| table.slots()), 0.0);
-    // The least of the cameras' own.
-    let mut floor = f32::INFINITY;
+    // The least of the cameras' own thresholds.
+    let mut own = f32::INFINITY;
     let mut picture = 0.0;
     for item in cameras.iter().filter(|item| item.camera.is_active) {
         let viewport = viewport_px2(item.camera);
@@ -197,7 +198,7 @@ pub fn choose(
         picture += f64::from(viewport);
         match (item.visible, &item.culling, &table) {
             (Some(visible), Some((settings, camera)), Some(table)) => {
-                floor = floor.min(own_threshold(settings));
+                own = own.min(own_threshold(settings));
                 add_candidates(
                     profile,
                     areas,
@@ -218,7 +219,7 @@ pub fn choose(
     }
     profile.add_fixed(rays(terrain.as_deref(), picture));
     profile.finish();
-    let has_contribution = floor.is_finite();
+    let has_contribution = own.is_finite();
     knobs.set_present(CONTRIBUTION_AREA, has_contribution);
     let manual = knobs
         .get(CONTRIBUTION_AREA)
@@ -230,7 +231,6 @@ pub fn choose(
             target_ms: asked,
             measured: work.measured,
             profile,
-            floor_px2: if has_contribution { floor } else { 0.0 },
             contribution: match (has_contribution, manual) {
                 (false, _) => Contribution::Absent,
                 (true, None) => Contribution::Budget,
@@ -240,7 +240,7 @@ pub fn choose(
         },
         knobs.present_mut(),
     );
-    show_threshold(&mut knobs, profile, floor, decision.threshold_px2);
+    show_threshold(&mut knobs, profile, own, decision.threshold_px2);
     let new = BudgetState {
         measured_ms: controller.measured_ms(),
         predicted_ms: decision.predicted_ms,
@@ -272,15 +272,6 @@ fn viewport_px2(camera: &Camera) -> f32 {
         .map_or(0.0, |size| size.x as f32 * size.y as f32)
 }
 
-/// The threshold that holds without a budget. units: px²
-fn own_threshold(settings: &ContributionCulling) -> f32 {
-    if settings.threshold_px2.is_finite() {
-        settings.threshold_px2.max(0.0)
-    } else {
-        0.0
-    }
-}
-
 /// Rays that terrain is cast with, if any is.
 fn rays(terrain: Option<&TerrainStats>, picture_px2: f64) -> Workload {
     let is_cast = terrain.is_some_and(|stats| stats.lock().views_drawn > 0);
@@ -293,7 +284,7 @@ fn rays(terrain: Option<&TerrainStats>, picture_px2: f64) -> Workload {
 /// Adds what a camera has in view, as its contribution culling will compare it, but for what is known to be hidden.
 #[expect(clippy::too_many_arguments, reason = "the parts of one camera")]
 fn add_candidates(
-    profile: &mut AreaProfile,
+    profile: &mut DemandProfile,
     areas: &mut [f32],
     table: &Candidates,
     visible: &VisibleEntities,
@@ -303,7 +294,7 @@ fn add_candidates(
     viewport: f32,
 ) {
     // What was removed comes back only above the threshold by the hysteresis: it compares as one so much smaller.
-    let hysteresis = settings.hysteresis.max(1.0);
+    let hysteresis = hysteresis(settings);
     // What the camera's own threshold removes is not the budget's to give.
     let own = own_threshold(settings);
     let hidden = occlusion
@@ -331,25 +322,23 @@ fn add_candidates(
             continue;
         }
         let triangles = table.get(slot).map_or(0, |of| of.triangles);
-        profile.add(compared, triangles, viewport);
+        profile.add(
+            stays_up_to_px2(compared, triangles, camera.never_px2),
+            Workload::object(triangles, area, viewport),
+        );
     }
     profile.add_fixed(others);
 }
 
 /// Shows where the threshold stands, and what each of its steps would lose now.
-fn show_threshold(knobs: &mut Knobs, profile: &AreaProfile, floor: f32, threshold: f32) {
-    let Some(knob) = knobs
-        .get_mut(CONTRIBUTION_AREA)
-        .filter(|_| floor.is_finite())
-    else {
+fn show_threshold(knobs: &mut Knobs, profile: &DemandProfile, own: f32, demanded: f32) {
+    let Some(knob) = knobs.get_mut(CONTRIBUTION_AREA).filter(|_| own.is_finite()) else {
         return;
     };
-    let from = AreaProfile::bin(floor);
     for step in &mut knob.steps {
-        let to = AreaProfile::bin(step.value).max(from);
-        step.loss = profile.loss(from, to) as f32;
+        step.loss = profile.loss(0, DemandProfile::bin(step.value)) as f32;
     }
-    let stands = threshold.max(floor);
+    let stands = demanded.max(own);
     knob.live = Some(stands);
     knob.at = knob
         .steps
@@ -379,14 +368,14 @@ pub fn note_drawn(
         let viewport = viewport_px2(camera);
         picture += f64::from(viewport);
         for entity in visible.get(TypeId::of::<Mesh3d>()) {
-            drawn.objects += 1.0;
             let slot = table.as_ref().and_then(|table| table.weighable(*entity));
             let Some((slot, table)) = slot.zip(table.as_ref()) else {
+                drawn.objects += 1.0;
                 continue;
             };
-            drawn.triangles += table.get(slot).map_or(0.0, |of| f64::from(of.triangles));
+            let triangles = table.get(slot).map_or(0, |of| of.triangles);
             let area = work.areas.get(slot as usize).copied().unwrap_or(0.0);
-            drawn.pixels += object_px(area, viewport);
+            drawn = drawn + Workload::object(triangles, area, viewport);
         }
     }
     work.controller

@@ -16,9 +16,11 @@ use bevy::{
 };
 
 use crate::{
-    budget::FrameBudget,
+    budget::{FrameBudget, WorkloadPolicy},
     contribution::{
-        ContributionCamera, ContributionCounts, ContributionCulling, Exit, area::AreaView,
+        ContributionCamera, ContributionCounts, ContributionCulling, Exit,
+        area::AreaView,
+        rank::{NEVER_GOES, goes_below_px2},
     },
     culling::{
         CulledEntities,
@@ -59,6 +61,7 @@ pub struct MeasuredCamera {
     settings: &'static ContributionCulling,
     visible: &'static VisibleEntities,
     has_budget: Has<FrameBudget>,
+    has_policy: Has<WorkloadPolicy>,
     has_occlusion: Has<ZBufferOcclusion>,
     has_bevys_occlusion: Has<OcclusionCulling>,
     draws_directly: Has<NoIndirectDrawing>,
@@ -101,16 +104,18 @@ pub fn measure_areas(
             state.in_view.clear(0);
             continue;
         };
-        let viewport = item.resolution.map_or(viewport, |to| to.0);
+        let viewport = item.resolution.map_or(viewport, |to| to.0).as_vec2();
+        state.never_px2 = NEVER_GOES * viewport.element_product();
         let view = AreaView::new(
             item.camera.clip_from_view() * item.place.to_matrix().inverse(),
-            viewport.as_vec2(),
+            viewport,
         );
         let list = item.visible.get(TypeId::of::<Mesh3d>());
         let by_gpu = can_gpu
             && list.len() >= item.settings.gpu_from
             && item.settings.exit == Exit::Cut
             && !item.has_budget
+            && !item.has_policy
             && !item.has_occlusion
             && !item.has_bevys_occlusion
             && !item.draws_directly
@@ -219,13 +224,14 @@ pub fn cull_small(
             state.fades.end_all();
             continue;
         }
-        let (threshold, back) = thresholds(settings, state.demanded_px2);
-        counts.threshold_px2 = threshold;
+        let threshold = own_threshold(settings);
+        let hysteresis = hysteresis(settings);
+        counts.threshold_px2 = threshold.max(state.demanded_px2);
         let list = item.visible.into_inner().get_mut(TypeId::of::<Mesh3d>());
         if state.gpu.is_some() {
             counts.on_gpu = true;
             state.fades.end_all();
-            state.thresholds = (threshold, back);
+            state.thresholds = (threshold, threshold * hysteresis);
             take_verdicts(&table, list, state, culled, counts);
         } else {
             let seconds = match settings.exit {
@@ -246,7 +252,9 @@ pub fn cull_small(
             let judge = Judge {
                 table: &table,
                 threshold,
-                back,
+                demanded: state.demanded_px2,
+                never: state.never_px2,
+                hysteresis,
                 depth,
                 fades: seconds.is_some(),
             };
@@ -261,18 +269,24 @@ pub fn cull_small(
     }
 }
 
-/// Below which area an object leaves, and from which on it comes back; zeros where nothing is ever too small. units: px²
-pub(crate) fn thresholds(settings: &ContributionCulling, demanded_px2: f32) -> (f32, f32) {
-    let own = match complaint(settings) {
-        Some(Complaint::Threshold) => 0.0,
-        _ => settings.threshold_px2,
-    };
-    let threshold = own.max(demanded_px2);
-    let hysteresis = match complaint(settings) {
-        Some(Complaint::Hysteresis) => 1.0,
-        _ => settings.hysteresis,
-    };
-    (threshold, threshold * hysteresis.max(1.0))
+/// The threshold that holds without a budget; 0 where nothing is ever too small. units: px²
+pub(crate) fn own_threshold(settings: &ContributionCulling) -> f32 {
+    let threshold = settings.threshold_px2;
+    if threshold.is_finite() {
+        threshold.max(0.0)
+    } else {
+        0.0
+    }
+}
+
+/// How many times the threshold it takes to come back, at least 1.
+pub(crate) fn hysteresis(settings: &ContributionCulling) -> f32 {
+    let hysteresis = settings.hysteresis;
+    if hysteresis.is_finite() {
+        hysteresis.max(1.0)
+    } else {
+        1.0
+    }
 }
 
 /// A setting outside its range.
@@ -307,8 +321,12 @@ fn complaint(settings: &ContributionCulling) -> Option<Complaint> {
 /// Says of everything in one camera's view whether it is too small.
 struct Judge<'a> {
     table: &'a Candidates,
+    /// The user's own. units: px²
     threshold: f32,
-    back: f32,
+    /// The budget's, and from where on it takes nothing. units: px²
+    demanded: f32,
+    never: f32,
+    hysteresis: f32,
     depth: Option<DepthTest<'a>>,
     fades: bool,
 }
@@ -357,7 +375,14 @@ impl Judge<'_> {
 
     /// By its area, as far as it shows: that is looked up only where it decides.
     fn is_small(&self, slot: u32, area: f32, was_small: bool) -> bool {
-        let least = if was_small { self.back } else { self.threshold };
+        let mut least = self.threshold;
+        if self.demanded > 0.0 {
+            let triangles = self.table.get(slot).map_or(0, |of| of.triangles);
+            least = least.max(goes_below_px2(self.demanded, triangles, self.never));
+        }
+        if was_small {
+            least *= self.hysteresis;
+        }
         if area < least {
             return true;
         }
@@ -448,7 +473,12 @@ pub fn report_contribution(
     stats: Res<ContributionStats>,
     paths: Res<ContributionDiagnosticPaths>,
     store: Option<Res<DiagnosticsStore>>,
-    cameras: Query<(&Camera, &ContributionCulling, &ContributionCounts)>,
+    cameras: Query<(
+        &Camera,
+        &ContributionCulling,
+        &ContributionCounts,
+        Has<FrameBudget>,
+    )>,
     mut diagnostics: Diagnostics,
 ) {
     let entry = effects
@@ -462,7 +492,7 @@ pub fn report_contribution(
     }
     let mut total = ContributionCounts::default();
     let (mut active, mut wrong) = (0, None);
-    for (camera, settings, counts) in &cameras {
+    for (camera, settings, counts, has_budget) in &cameras {
         if !camera.is_active {
             continue;
         }
@@ -472,7 +502,11 @@ pub fn report_contribution(
         total.cpu_ms += counts.cpu_ms;
         total.on_gpu |= counts.on_gpu;
         total.threshold_px2 = total.threshold_px2.max(counts.threshold_px2);
-        wrong = wrong.or_else(|| Some((complaint(settings)?, settings)));
+        // With a budget nothing need be too small by itself.
+        let is_meant = has_budget && settings.threshold_px2 == 0.0;
+        let complaint =
+            complaint(settings).filter(|wrong| !(is_meant && *wrong == Complaint::Threshold));
+        wrong = wrong.or_else(|| Some((complaint?, settings)));
     }
     diagnostics.add_measurement(&REMOVED, || f64::from(total.removed));
     diagnostics.add_measurement(&CPU_MS, || f64::from(total.cpu_ms));

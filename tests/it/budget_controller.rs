@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use bevy_skyline::budget::{
     Knob, KnobCost,
     controller::{Contribution, Controller, Decision, Input, Measured, Status},
-    workload::{AreaProfile, Workload},
+    workload::{DemandProfile, Workload},
 };
 
 /// Pixels of the picture.
@@ -63,13 +63,13 @@ impl City {
     }
 
     /// What is in view at an angle.
-    fn profile(&self, angle: f64, profile: &mut AreaProfile) {
+    fn profile(&self, angle: f64, profile: &mut DemandProfile) {
         profile.clear();
         profile.add_picture(PICTURE);
         for (at, area, triangles) in &self.0 {
             let off = (at - angle).rem_euclid(TAU);
             if off.min(TAU - off) < 0.6 {
-                profile.add(*area, *triangles, PICTURE);
+                profile.add(*area, Workload::object(*triangles, *area, PICTURE));
             }
         }
         profile.finish();
@@ -131,7 +131,7 @@ pub fn run(
     knobs: &mut [Knob],
 ) -> (Vec<Row>, Controller) {
     let mut controller = Controller::default();
-    let mut profile = AreaProfile::default();
+    let mut profile = DemandProfile::default();
     let mut dice = Dice::new(11);
     let mut rows: Vec<Row> = Vec::new();
     let mut known_angle = f64::NAN;
@@ -151,13 +151,12 @@ pub fn run(
                 target_ms,
                 measured,
                 profile: &profile,
-                floor_px2: 0.0,
                 contribution: Contribution::Budget,
                 quantum_ms: plant.quantum_ms,
             },
             knobs,
         );
-        let kept = profile.kept(AreaProfile::bin(decision.threshold_px2));
+        let kept = profile.kept(DemandProfile::bin(decision.threshold_px2));
         let terms = kept.terms();
         let cost: f64 = (0..5).map(|i| plant.costs[i] * terms[i]).sum();
         let true_ms = left * (plant.slower)(frame) * cost;
@@ -249,7 +248,7 @@ fn a_full_turn_over_a_varying_city_is_held() {
 fn without_a_budget_the_same_turn_varies() {
     // What the turn above holds is worth holding: unculled, its frames differ by far more.
     let city = City::new();
-    let mut profile = AreaProfile::default();
+    let mut profile = DemandProfile::default();
     let costs = Plant::default().costs;
     let ms: Vec<f64> = (0..360)
         .map(|frame| {
@@ -753,9 +752,9 @@ fn a_knob_that_scales_work_is_counted_before_it_moves() {
     };
     let steps = [(1.0, 0.0), (0.5, 0.1)];
     let knob = Knob::new("scale", "", &steps, KnobCost::Scales(half)).unwrap();
-    let mut profile = AreaProfile::default();
+    let mut profile = DemandProfile::default();
     profile.add_picture(PICTURE);
-    profile.add(PICTURE, 12, PICTURE);
+    profile.add(f32::INFINITY, Workload::object(12, PICTURE, PICTURE));
     profile.finish();
     let mut controller = Controller::default();
     let mut knobs = [knob];
@@ -773,7 +772,6 @@ fn a_knob_that_scales_work_is_counted_before_it_moves() {
                     ms: known_ms,
                 }),
                 profile: &profile,
-                floor_px2: 0.0,
                 contribution: Contribution::Absent,
                 quantum_ms: None,
             },

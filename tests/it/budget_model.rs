@@ -3,7 +3,7 @@
 use bevy_skyline::budget::{
     knobs::{Knob, KnobCost, KnobError},
     model::CostModel,
-    workload::{AreaProfile, BINS, Workload},
+    workload::{BINS, DemandProfile, Workload},
 };
 use proptest::prelude::*;
 
@@ -101,13 +101,13 @@ fn a_machine_that_is_twice_as_slow_is_so_for_every_term() {
 #[test]
 fn learning_and_summing_up_allocate_nothing() {
     let mut model = CostModel::default();
-    let mut profile = AreaProfile::default();
+    let mut profile = DemandProfile::default();
     let allocations = allocations::count(|| {
         for i in 0..100 {
             profile.clear();
             profile.add_picture(1e6);
             for area in 0..100_u16 {
-                profile.add(f32::from(area), 12, 1e6);
+                profile.add(f32::from(area), Workload::object(12, f32::from(area), 1e6));
             }
             profile.finish();
             model.learn(&profile.kept(i), 5.0 + i as f64, 0.01, false);
@@ -173,13 +173,13 @@ proptest! {
         objects in prop::collection::vec((0.0_f32..1e8, 0_u32..1000), 0..200),
         bin in 0..BINS,
     ) {
-        let mut profile = AreaProfile::default();
+        let mut profile = DemandProfile::default();
         profile.add_picture(1e6);
         for (area, triangles) in &objects {
-            profile.add(*area, *triangles, 1e6);
+            profile.add(*area, Workload::object(*triangles, *area, 1e6));
         }
         profile.finish();
-        let edge = AreaProfile::edge(bin);
+        let edge = DemandProfile::edge(bin);
         let kept = objects.iter().filter(|(area, _)| *area >= edge);
         prop_assert_eq!(profile.kept(bin).objects, kept.clone().count() as f64);
         let triangles: u64 = kept.map(|(_, triangles)| u64::from(*triangles)).sum();
