@@ -2,7 +2,7 @@
 //!
 //! | Knob | Moves | Unit | Loss |
 //! |---|---|---|---|
-//! | `contribution_area` | the threshold of [`ContributionCulling`](crate::contribution::ContributionCulling) | px² | the pixels that go, counted each frame |
+//! | `contribution_area` | what is demanded of [`ContributionCulling`](crate::contribution::ContributionCulling), see [`rank`](crate::contribution::rank) | px² of an object without triangles | the pixels that go, counted each frame |
 //! | `terrain_error` | [`TerrainRayCasting::max_error_px`] | px | how much of the ground is off by how many steps that can be told apart |
 //! | `resolution_scale` | [`ResolutionScale`] | share of a side | detail finer than the pixels drawn, in all of the picture |
 //! | `shadow_slice` | [`TerrainShadow::slice_ms`] | ms | shadows appear later, and nothing else |

@@ -103,7 +103,7 @@ pub enum Contribution {
 pub struct Decision {
     /// How it stands.
     pub status: Status,
-    /// The contribution threshold that is demanded. units: px²
+    /// What is demanded of contribution culling (see [`rank`](crate::contribution::rank)). units: px²
     pub threshold_px2: f32,
     /// What this frame is predicted to take. units: ms
     pub predicted_ms: Option<f32>,

@@ -126,7 +126,8 @@ pub struct BudgetState {
     pub measured_ms: Option<f32>,
     /// What this frame was predicted to take. units: ms
     pub predicted_ms: Option<f32>,
-    /// The contribution threshold that is demanded. units: px²
+    /// What is demanded of contribution culling: an object without triangles goes below this, others below more (see
+    /// [`rank`](crate::contribution::rank)). units: px²
     pub threshold_px2: f32,
     /// In short.
     pub status: BudgetStatus,

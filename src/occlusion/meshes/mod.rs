@@ -18,7 +18,10 @@ use crate::{
 
 /// So many vertices are copied for one task that makes boxes, or those of one mesh if it has more.
 const BATCH_VERTICES: usize = 65_536;
-/// So many proxies are made at a time, beside one batch of boxes.
+/// So many vertices are copied for one task that makes proxies, or those of one mesh if it has more: a city of small
+/// meshes is done in as many runs as it has batches.
+const PROXY_BATCH_VERTICES: usize = 4096;
+/// So many batches of proxies are made at a time, beside one of boxes.
 const MOST_PROXY_TASKS: usize = 2;
 /// So many runs after its last edit a mesh is taken up again: one that is edited every frame has no volumes, and
 /// costs nothing.
@@ -71,7 +74,7 @@ pub struct OccludeeMeshes {
     boxes_due: VecDeque<AssetId<Mesh>>,
     proxies_due: VecDeque<AssetId<Mesh>>,
     boxes: Option<Task<Vec<BoxMade>>>,
-    proxies: Vec<Task<ProxyMade>>,
+    proxies: Vec<Task<Vec<ProxyMade>>>,
     changed: Vec<AssetId<Mesh>>,
     /// What changed since the last run, outside of it.
     changed_between: Vec<AssetId<Mesh>>,
@@ -258,17 +261,19 @@ impl OccludeeMeshes {
         let (entries, changed, last) =
             (&mut self.entries, &mut self.changed, &mut self.last_number);
         self.proxies.retain_mut(|task| {
-            let Some(result) = check_ready(task) else {
+            let Some(results) = check_ready(task) else {
                 return true;
             };
-            if let Some(entry) = entries.get_mut(&result.id)
-                && entry.ticket == result.ticket
-                && entry.proxy_of == result.triangles
-                && let Some(made) = result.made
-            {
-                entry.volumes.proxy = Some(Arc::new(made));
-                entry.volumes.generation = next(last);
-                changed.push(result.id);
+            for result in results {
+                if let Some(entry) = entries.get_mut(&result.id)
+                    && entry.ticket == result.ticket
+                    && entry.proxy_of == result.triangles
+                    && let Some(made) = result.made
+                {
+                    entry.volumes.proxy = Some(Arc::new(made));
+                    entry.volumes.generation = next(last);
+                    changed.push(result.id);
+                }
             }
             false
         });
@@ -330,12 +335,16 @@ impl OccludeeMeshes {
         }
     }
 
-    /// Starts at most one proxy.
-    fn start_proxy(&mut self, meshes: &Assets<Mesh>, pool: &AsyncComputeTaskPool) {
+    /// Starts at most one batch of proxies.
+    fn start_proxies(&mut self, meshes: &Assets<Mesh>, pool: &AsyncComputeTaskPool) {
         if self.proxies.len() >= MOST_PROXY_TASKS {
             return;
         }
-        while let Some(id) = self.proxies_due.pop_front() {
+        let mut batch = Vec::new();
+        let mut vertices = 0;
+        while vertices < PROXY_BATCH_VERTICES
+            && let Some(id) = self.proxies_due.pop_front()
+        {
             let Some(entry) = self.entries.get_mut(&id) else {
                 continue;
             };
@@ -351,16 +360,22 @@ impl OccludeeMeshes {
             }) else {
                 continue;
             };
-            let (ticket, triangles) = (entry.ticket, entry.triangles);
+            vertices += positions.len();
+            batch.push((id, entry.ticket, entry.triangles, positions, indices));
+        }
+        if !batch.is_empty() {
             self.proxies.push(pool.spawn(async move {
-                ProxyMade {
-                    id,
-                    ticket,
-                    triangles,
-                    made: proxy::build(&positions, &indices, triangles),
-                }
+                let made =
+                    |(id, ticket, triangles, positions, indices): (_, _, _, Vec<_>, Vec<_>)| {
+                        ProxyMade {
+                            id,
+                            ticket,
+                            triangles,
+                            made: proxy::build(&positions, &indices, triangles),
+                        }
+                    };
+                batch.into_iter().map(made).collect()
             }));
-            return;
         }
     }
 }
@@ -382,8 +397,8 @@ impl Entry {
 /// # Limits
 /// A mesh whose data is in the render world only (`RenderAssetUsages`) has no volumes unless they were asked for
 /// before it went there. A proxy needs triangles; a mesh of lines or points has a box at most. Positions and
-/// indices are copied for the task in the run that starts it: of one batch and one proxy a run, but of a mesh of
-/// millions of vertices all at once.
+/// indices are copied for the task in the run that starts it: of one batch for boxes and one for proxies a
+/// run, but of a mesh of millions of vertices all at once.
 pub fn build_mesh_volumes(
     mut kept: ResMut<OccludeeMeshes>,
     meshes: Res<Assets<Mesh>>,
@@ -404,7 +419,7 @@ pub fn build_mesh_volumes(
     kept.collect();
     if let Some(pool) = AsyncComputeTaskPool::try_get() {
         kept.start_boxes(&meshes, pool);
-        kept.start_proxy(&meshes, pool);
+        kept.start_proxies(&meshes, pool);
     }
     kept.changed.sort_unstable();
     kept.changed.dedup();

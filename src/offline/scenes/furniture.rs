@@ -14,6 +14,8 @@ use super::{
 
 /// Height of the eye that looks around from the middle of the city. units: m
 const MIDDLE_EYE_M: f32 = 30.0;
+/// The same of the eye over the middle, above the highest roof. units: m
+const OVER_EYE_M: f32 = 5.0;
 /// From tree to tree in a park. units: m
 const TREE_PITCH_M: f32 = 10.0;
 /// Shares of vehicles, of what stands on roofs, and of the trees in parks; the rest stands on pavements.
@@ -24,7 +26,7 @@ const PARKS: f32 = 0.1;
 /// A kind of thing: its mesh and its colour.
 type Kind = (Mesh, Color);
 
-/// Adds so many things to a city whose first objects are its buildings, and the view `middle`.
+/// Adds so many things to a city whose first objects are its buildings, and the views `middle` and `over`.
 pub(super) fn add(mut scene: Scene, ground: &Ground, buildings: usize, count: usize) -> Scene {
     let share = |of: f32| (of * count as f32) as usize;
     let park = park_places(ground, share(PARKS));
@@ -45,6 +47,9 @@ pub(super) fn add(mut scene: Scene, ground: &Ground, buildings: usize, count: us
     let eye = Vec3::new(middle.x, MIDDLE_EYE_M, middle.y);
     // A little down, so that the horizon lies above the middle of the picture.
     let view = View::at("middle", eye, eye + Vec3::new(200.0, -24.0, 0.0));
+    scene.views.push(view);
+    let eye = eye.with_y(high.y + OVER_EYE_M);
+    let view = View::at("over", eye, eye + Vec3::new(200.0, -60.0, 0.0));
     scene.views.push(view);
     scene
 }

@@ -110,6 +110,8 @@ pub struct Plan {
     pub size: UVec2,
     /// A glTF binary with a node and mesh a building, else a city made by code.
     pub city: Option<PathBuf>,
+    /// Whether what is hidden is left out, too, whatever the policy.
+    pub occludes: bool,
     /// A small city.
     pub quick: bool,
 }
@@ -254,6 +256,8 @@ pub struct Summary {
     pub target_ms: f64,
     /// Which time the budget was held on.
     pub clock: &'static str,
+    /// Whether what is hidden was left out, too.
+    pub occlusion: bool,
     /// What everything was counted as.
     pub cost: Cost,
     /// Root of the mean square of `counted / measured − 1` over the frames that it was learned from; `None` where it
@@ -309,6 +313,7 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, WorkloadError> {
     progress.set_message("making the scene");
     let mut stage = WorkloadStage::new(plan.scene()?, plan.size)?;
     let learned = learn(&mut stage, plan.path, plan.cost, plan.quick, &progress)?;
+    stage.set_occludes(plan.occludes);
     let way = (plan.path, plan.frames);
     let goal = (plan.target_ms, plan.clock);
     let run = |stage: &mut WorkloadStage, policy: &Policy| {
@@ -329,8 +334,11 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, WorkloadError> {
                 run(&mut stage, &Policy::Frustum)?,
             ];
             for baseline in BASELINES {
-                let policy = census.tuned(baseline, &stage.cost, mean_ms);
-                runs.push(run(&mut stage, &policy)?);
+                let tuned = census.run_tuned(&mut stage, baseline, mean_ms, |stage, policy| {
+                    let run = run(stage, policy)?;
+                    Ok::<_, WorkloadError>((run.counted(plan.target_ms).mean, run))
+                });
+                runs.push(tuned?);
             }
             runs.push(budget);
             runs
@@ -354,6 +362,7 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, WorkloadError> {
         size_px: plan.size.to_array(),
         target_ms: plan.target_ms,
         clock: plan.clock.name(),
+        occlusion: plan.occludes,
         cost: stage.cost,
         cost_misfit: learned,
         adapter: stage.offline.adapter(),

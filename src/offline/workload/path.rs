@@ -12,7 +12,7 @@ const ZOOM_FOV_DEG: [f32; 2] = [80.0, 6.0];
 /// How the camera moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WorkloadPath {
-    /// A full turn on the spot, in the middle of the scene (P4, Fig. 6).
+    /// A full turn on the spot, over the middle of the city (P4, Fig. 6).
     Rotate,
     /// From a wide lens to a long one, at the same place.
     Zoom,
@@ -94,12 +94,12 @@ impl WorkloadPath {
     pub fn at(self, scene: &Scene, part: f64) -> Pose {
         let part = part as f32;
         let fov = scene.projection().fov;
-        let middle = scene.view("middle");
+        let over = scene.view("over");
         match self {
             Self::Rotate => {
                 let turn = Quat::from_rotation_y(core::f32::consts::TAU * part);
                 Pose {
-                    transform: middle.with_rotation(turn * middle.rotation),
+                    transform: over.with_rotation(turn * over.rotation),
                     fov,
                 }
             }
@@ -108,7 +108,7 @@ impl WorkloadPath {
                 // By equal factors in equal times, as it looks even.
                 let half = wide * (long / wide).powf(part);
                 Pose {
-                    transform: middle,
+                    transform: over,
                     fov: 2.0 * half.atan(),
                 }
             }

@@ -172,6 +172,7 @@ mod tests {
             cost: None,
             size: UVec2::new(8, 8),
             city: None,
+            occludes: false,
             quick: true,
         };
         let runs = [run(Policy::None, 4), run(Policy::Budget, 4)];

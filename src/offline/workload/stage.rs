@@ -23,6 +23,7 @@ use crate::{
     },
     contribution::{ContributionCounts, ContributionCulling, Exit, area::AreaView},
     culling::volume::LocalBox,
+    occlusion::ZBufferOcclusion,
     offline::{
         Offline, OfflineError,
         scenes::{Look, Scene, SceneObject, stage::eye},
@@ -87,6 +88,7 @@ pub struct WorkloadStage {
     entities: Vec<Entity>,
     target: Handle<Image>,
     camera: Entity,
+    occludes: bool,
     unculled: bool,
     budget: Option<Clock>,
     /// Frames since the camera was made.
@@ -129,6 +131,7 @@ impl WorkloadStage {
             entities,
             target,
             camera,
+            occludes: false,
             unculled: false,
             budget: None,
             frames: 0,
@@ -140,13 +143,16 @@ impl WorkloadStage {
         self.camera
     }
 
+    /// Whether what is hidden is left out, too, whatever the policy; from the next [`begin`](Self::begin) on.
+    pub fn set_occludes(&mut self, occludes: bool) {
+        self.occludes = occludes;
+    }
+
     /// Sets what decides what is drawn, on a new camera: nothing is left of what an older one had learned.
     pub fn begin(&mut self, policy: &Policy, target_ms: f64, clock: Clock) {
         let contribution = |threshold_px2| ContributionCulling {
             threshold_px2,
             exit: Exit::Cut,
-            // There is no depth to weigh by: occlusion culling is off.
-            weigh_by_visibility: false,
             // What the GPU leaves out could not be counted in the same frame.
             gpu_from: usize::MAX,
             ..default()
@@ -166,6 +172,14 @@ impl WorkloadStage {
             }
         }
         self.set_unculled(*policy == Policy::None);
+        if self.occludes && *policy != Policy::None {
+            let world = self.offline.app.world_mut();
+            // What is measured is culling, not when to leave it.
+            world.entity_mut(self.camera).insert(ZBufferOcclusion {
+                rests: false,
+                ..default()
+            });
+        }
     }
 
     /// The same with any components on the camera, and frustum culling.

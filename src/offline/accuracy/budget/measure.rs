@@ -50,17 +50,20 @@ fn pictures_of(
     Ok((run, pictures))
 }
 
-fn see(
-    stage: &mut WorkloadStage,
-    policy: &Policy,
+/// What a run is along, held to, and compared with.
+struct Along<'a> {
     way: (WorkloadPath, u32),
     goal: (f64, Clock),
-    whole: &[RgbImage],
-    progress: &ProgressBar,
-) -> Result<Seen, AccuracyError> {
-    let (run, pictures) = pictures_of(stage, policy, way, goal)?;
-    progress.inc(1);
+    /// The unculled pictures.
+    whole: &'a [RgbImage],
+    progress: &'a ProgressBar,
+}
+
+fn see(stage: &mut WorkloadStage, policy: &Policy, along: &Along) -> Result<Seen, AccuracyError> {
+    let (run, pictures) = pictures_of(stage, policy, along.way, along.goal)?;
+    along.progress.inc(1);
     // After the run: nothing of it falls into the frames' times.
+    let whole = along.whole;
     let flips = whole.iter().zip(&pictures).map(|(a, b)| flip_mean(a, b));
     Ok(Seen {
         run,
@@ -74,17 +77,33 @@ pub(super) fn measure_all(
     progress: &ProgressBar,
 ) -> Result<Measured, AccuracyError> {
     let misfit = learn(stage, WorkloadPath::Rotate, None, plan.quick, progress)?;
-    let turn = Census::take(stage, WorkloadPath::Rotate, plan.path_frames);
-    let empty_ms = stage.cost.frame_ms;
-    let lightest_ms = turn.least_ms(&stage.cost);
     let mut measured = Measured {
         lines: Vec::new(),
         shown: Vec::new(),
         misfit: misfit.unwrap_or(0.0),
     };
+    for &occludes in &plan.occludes {
+        stage.set_occludes(occludes);
+        measure_paths(stage, plan, occludes, progress, &mut measured)?;
+    }
+    Ok(measured)
+}
+
+/// All paths, clocks, targets and policies, what is hidden being left out, too, or not.
+fn measure_paths(
+    stage: &mut WorkloadStage,
+    plan: &Plan,
+    occludes: bool,
+    progress: &ProgressBar,
+    measured: &mut Measured,
+) -> Result<(), AccuracyError> {
+    let turn = Census::take(stage, WorkloadPath::Rotate, plan.path_frames);
+    let empty_ms = stage.cost.frame_ms;
+    let lightest_ms = turn.least_ms(&stage.cost);
     for &path in &plan.paths {
         let way = (path, plan.path_frames);
-        let name = format!("{}/{}", stage.scene.name, path.name());
+        let occlusion = if occludes { "_occlusion" } else { "" };
+        let name = format!("{}/{}{occlusion}", stage.scene.name, path.name());
         progress.set_message(name.clone());
         let census = match path {
             WorkloadPath::Rotate => turn.clone(),
@@ -92,14 +111,13 @@ pub(super) fn measure_all(
         };
         // What is out of view shows nowhere: the pictures of everything in view are the unculled ones.
         let (frustum, whole) = pictures_of(stage, &Policy::Frustum, way, (0.0, Clock::Time))?;
-        let none = see(
-            stage,
-            &Policy::None,
+        let along = |goal| Along {
             way,
-            (0.0, Clock::Time),
-            &whole,
+            goal,
+            whole: &whole,
             progress,
-        )?;
+        };
+        let none = see(stage, &Policy::None, &along((0.0, Clock::Time)))?;
         let frustum = Seen {
             run: frustum,
             flip_mean: 0.0,
@@ -109,12 +127,16 @@ pub(super) fn measure_all(
                 let target_ms = empty_ms + share * (lightest_ms - empty_ms);
                 let goal = (target_ms, clock);
                 progress.set_message(format!("{name}, {target_ms:.2} ms, {}", clock.name()));
-                let budget = see(stage, &Policy::Budget, way, goal, &whole, progress)?;
+                let along = along(goal);
+                let budget = see(stage, &Policy::Budget, &along)?;
                 let mean_ms = budget.run.counted(target_ms).mean;
                 let mut seen = vec![budget];
                 for baseline in BASELINES {
-                    let policy = census.tuned(baseline, &stage.cost, mean_ms);
-                    seen.push(see(stage, &policy, way, goal, &whole, progress)?);
+                    let tuned = census.run_tuned(stage, baseline, mean_ms, |stage, policy| {
+                        let seen = see(stage, policy, &along)?;
+                        Ok::<_, AccuracyError>((seen.run.counted(target_ms).mean, seen))
+                    });
+                    seen.push(tuned?);
                 }
                 for of in seen.iter().chain([&frustum, &none]) {
                     measured.lines.push(line(stage, &name, of, goal, plan));
@@ -133,7 +155,7 @@ pub(super) fn measure_all(
             }
         }
     }
-    Ok(measured)
+    Ok(())
 }
 
 fn line(

@@ -36,6 +36,8 @@ pub struct Plan {
     pub path_frames: u32,
     /// Which times are held.
     pub clocks: Vec<Clock>,
+    /// Whether what is hidden is left out, too, under every policy.
+    pub occludes: Vec<bool>,
     /// Targets, as shares of what the lightest frame of a turn costs beyond an empty one.
     pub targets: Vec<f64>,
 }
@@ -50,7 +52,8 @@ impl Plan {
             paths: vec![WorkloadPath::Rotate, WorkloadPath::Zoom],
             path_frames: 180,
             clocks: vec![Clock::Counted, Clock::Time],
-            targets: vec![0.3, 0.5, 0.7, 0.9],
+            occludes: vec![false, true],
+            targets: vec![0.5, 0.7, 0.9],
         }
     }
 
@@ -59,6 +62,7 @@ impl Plan {
         Self {
             quick: true,
             path_frames: 36,
+            occludes: vec![false],
             targets: vec![0.5],
             ..Self::full()
         }
