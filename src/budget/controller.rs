@@ -239,6 +239,10 @@ impl Controller {
             status: Status::NoMeasurement,
             predicted_ms: None,
             moved: None,
+            threshold_px2: match input.contribution {
+                Contribution::Manual(px2) => px2,
+                _ => self.decision.threshold_px2,
+            },
             ..self.decision
         };
         self.decision
@@ -264,18 +268,21 @@ impl Controller {
         } else {
             REACH
         };
-        let limit = match input.contribution {
+        // What demands there are to choose from: in the user's hand, one.
+        let (least, limit) = match input.contribution {
             Contribution::Budget => {
-                DemandProfile::bin((profile.picture_px2() * f64::from(NEVER_GOES)) as f32)
+                let most = profile.picture_px2() * f64::from(NEVER_GOES);
+                (0, DemandProfile::bin(most as f32))
             }
-            _ => 0,
+            Contribution::Manual(px2) => (DemandProfile::bin(px2), DemandProfile::bin(px2)),
+            Contribution::Absent => (0, 0),
         };
         let time = |bin: usize, scaling: &Workload, left: f64| {
             left * factor * model.predict(&profile.kept(bin).scaled(scaling))
         };
         // The lowest bin that is predicted to take at most so long; times fall as bins rise.
         let lowest = |ms: f64, scaling: &Workload, left: f64| {
-            let (mut low, mut high) = (0, limit);
+            let (mut low, mut high) = (least, limit);
             while low < high {
                 let middle = (low + high) / 2;
                 if time(middle, scaling, left) <= ms {
@@ -287,8 +294,7 @@ impl Controller {
             low
         };
         self.bin = match input.contribution {
-            Contribution::Absent => 0,
-            Contribution::Manual(px2) => DemandProfile::bin(px2),
+            Contribution::Absent | Contribution::Manual(_) => least,
             Contribution::Budget => {
                 let stays = STAYS.max(STAYS_DEVIATIONS * scatter) * target;
                 let wanted = lowest(aim, &scaling, left);
@@ -314,7 +320,7 @@ impl Controller {
         let loss_for = |ms: f64| {
             let bin = lowest(ms, &scaling, left);
             if time(bin, &scaling, left) <= ms {
-                profile.loss(0, bin)
+                profile.loss(least, bin)
             } else {
                 f64::INFINITY
             }
@@ -366,7 +372,7 @@ impl Controller {
         }
         self.remember(input, scaling, left, Some(predicted));
         self.decision = Decision {
-            status: match (missed, bin == 0 && is_best) {
+            status: match (missed, bin == least && is_best) {
                 (true, _) if !can_move => Status::Short,
                 (_, true) if predicted <= target => Status::Ample,
                 _ => Status::Held,
@@ -378,7 +384,7 @@ impl Controller {
             },
             predicted_ms: Some(predicted as f32),
             aim_ms: aim as f32,
-            loss: profile.loss(0, bin) as f32,
+            loss: profile.loss(least, bin) as f32,
             moved,
         };
         self.decision

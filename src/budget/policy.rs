@@ -15,9 +15,9 @@ use crate::{contribution::ContributionCulling, culling::volume::LocalBox};
 /// On a camera: bounds what it draws by something other than time. For comparison; a
 /// [`FrameBudget`](super::FrameBudget) on the same camera overrides it.
 ///
-/// It takes entities out the way contribution culling does, by writing the areas that it compares, and so needs
-/// [`ContributionPlugin`](crate::plugin::ContributionPlugin). Where the camera has no [`ContributionCulling`] it gets
-/// one that removes nothing by itself and cuts.
+/// It takes entities out the way contribution culling does, in place of the areas that it compares, and so needs
+/// [`ContributionPlugin`](crate::plugin::ContributionPlugin) and [`BudgetPlugin`](crate::plugin::BudgetPlugin). Where the
+/// camera has no [`ContributionCulling`] it gets one that cuts; the threshold of one that it has does not hold meanwhile.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(ContributionCulling = removes_nothing())]
@@ -33,7 +33,6 @@ fn removes_nothing() -> ContributionCulling {
         threshold_px2: 0.0,
         hysteresis: 1.0,
         weigh_by_visibility: false,
-        gpu_from: usize::MAX,
         ..default()
     }
 }

@@ -15,7 +15,7 @@
 //! as it lies open in the newest depth that has come back from the GPU: the share of the rectangle, seen from the camera
 //! that drew that depth, where nothing nearer was drawn. That depth is some frames old. What comes out from behind
 //! something is therefore weighed by less than it shows for as many frames; it counts with at least 1/16 of its area, so
-//! that whatever covers 16 times the threshold is always drawn. So the weighed threshold bounds what is seen of an object
+//! that whatever covers 16 times your threshold is not left out for it. So the weighed threshold bounds what is seen of an object
 //! that is left out only where camera and scene are at rest; the bound that always holds is 16 times the threshold.
 //! Without [`weigh_by_visibility`](ContributionCulling::weigh_by_visibility) it is the threshold itself.
 //!
@@ -35,6 +35,8 @@ pub mod fade;
 pub mod rank;
 
 use bevy::{diagnostic::RegisterDiagnostic, prelude::*};
+
+use rank::Standard;
 
 use crate::{
     culling::{self, CullSteps, CulledEntities, bits::Bits},
@@ -116,8 +118,10 @@ pub struct ContributionCounts {
     pub triangles: u64,
     /// See [`triangles`](Self::triangles).
     pub triangles_drawn: u64,
-    /// The threshold that held this frame. units: px²
+    /// The threshold of the settings. units: px²
     pub threshold_px2: f32,
+    /// What a [`FrameBudget`](crate::budget::FrameBudget) demanded beyond that; see [`rank`]. units: px²
+    pub demanded_px2: f32,
     /// Whether the GPU compared.
     pub on_gpu: bool,
     /// Time of measuring areas and removing. units: ms
@@ -138,8 +142,8 @@ pub struct ContributionCamera {
     pub(crate) slots: Vec<u32>,
     /// What a [`FrameBudget`](crate::budget::FrameBudget) demands, see [`rank`]. units: px²
     pub(crate) demanded_px2: f32,
-    /// The area from which on nothing goes by that. units: px²
-    pub(crate) never_px2: f32,
+    /// What objects are held to beside.
+    pub(crate) standard: Standard,
     /// Which table slots are of.
     pub(crate) epoch: u32,
     /// In view last frame and this frame, where objects fade.

@@ -1,4 +1,5 @@
-//! In which order objects go when a [`FrameBudget`](crate::budget::FrameBudget) demands that some do.
+//! Which objects go: those below the user's own threshold, and in which order others when a
+//! [`FrameBudget`](crate::budget::FrameBudget) demands that some do.
 //!
 //! P4 leaves out what covers least. Where time is what is short, an object with many triangles has to be worth more of
 //! the picture than one with few: for the same time, several of the latter stay. So the budget compares an object's
@@ -10,25 +11,58 @@
 /// So many triangles weigh as much as being an object does.
 const AN_OBJECT: f32 = 64.0;
 
-/// Share of the picture from which on nothing goes, however much it costs: a quarter of each side.
+/// Share of the picture from which on nothing goes by a demand, however much it costs and however little of it shows: a
+/// quarter of each side.
 pub const NEVER_GOES: f32 = 1.0 / 16.0;
 
 fn weight(triangles: u32) -> f32 {
     (1.0 + triangles as f32 / AN_OBJECT).sqrt()
 }
 
-/// Below which area an object goes when so much is demanded; `never_px2` is the area from which on nothing does.
-/// units: px²
-pub fn goes_below_px2(demanded_px2: f32, triangles: u32, never_px2: f32) -> f32 {
-    (demanded_px2 * weight(triangles)).min(never_px2)
+/// What a camera's objects are held to, apart from what is demanded.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Standard {
+    /// What covers less goes. units: px²
+    pub own_px2: f32,
+    /// How many times the area it takes to come back, at least 1.
+    pub hysteresis: f32,
+    /// What covers so much does not go by a demand. units: px²
+    pub never_px2: f32,
 }
 
-/// Up to which demand an object stays: more, and it goes. Infinite for what never does. units: px²
-pub fn stays_up_to_px2(area_px2: f32, triangles: u32, never_px2: f32) -> f32 {
-    if area_px2 >= never_px2 {
-        f32::INFINITY
-    } else {
-        area_px2 / weight(triangles)
+impl Standard {
+    fn back(&self, was_gone: bool) -> f32 {
+        if was_gone { self.hysteresis } else { 1.0 }
+    }
+
+    /// What an object has to cover, as far as it shows, so as not to go; `area_px2` is that of all of it. units: px²
+    pub fn least_px2(
+        &self,
+        area_px2: f32,
+        triangles: u32,
+        demanded_px2: f32,
+        was_gone: bool,
+    ) -> f32 {
+        let back = self.back(was_gone);
+        let least = if demanded_px2 > 0.0 && area_px2 < self.never_px2 * back {
+            self.own_px2.max(demanded_px2 * weight(triangles))
+        } else {
+            self.own_px2
+        };
+        least * back
+    }
+
+    /// Up to which demand an object stays: more, and it goes. Infinite for what never goes by one, `None` for what the
+    /// user's own threshold takes. units: px²
+    pub fn stays_up_to_px2(&self, area_px2: f32, triangles: u32, was_gone: bool) -> Option<f32> {
+        let area_px2 = area_px2 / self.back(was_gone);
+        if area_px2 < self.own_px2 {
+            None
+        } else if area_px2 >= self.never_px2 {
+            Some(f32::INFINITY)
+        } else {
+            Some(area_px2 / weight(triangles))
+        }
     }
 }
 
@@ -36,33 +70,58 @@ pub fn stays_up_to_px2(area_px2: f32, triangles: u32, never_px2: f32) -> f32 {
 mod tests {
     use super::*;
 
+    const STANDARD: Standard = Standard {
+        own_px2: 2.0,
+        hysteresis: 1.25,
+        never_px2: 1_000.0,
+    };
+
+    fn goes(area: f32, triangles: u32, demanded: f32, was_gone: bool) -> bool {
+        area < STANDARD.least_px2(area, triangles, demanded, was_gone)
+    }
+
     #[test]
     fn what_stays_up_to_a_demand_goes_above_it() {
-        let never = 1_000.0;
         for triangles in [0, 1, 12, 736, 1_000_000, u32::MAX] {
-            for area in [0.0, 0.01, 3.0, 64.0, 999.0] {
-                let most = stays_up_to_px2(area, triangles, never);
-                // Two roundings there and two back.
-                let (less, more) = (most * 0.999_999, most * 1.000_001);
-                assert!(area >= goes_below_px2(less, triangles, never));
-                assert!(area == 0.0 || area < goes_below_px2(more, triangles, never));
+            for area in [3.0, 64.0, 999.0] {
+                for was_gone in [false, true] {
+                    let most = STANDARD.stays_up_to_px2(area, triangles, was_gone);
+                    let most = most.expect("its own threshold keeps it");
+                    // A few roundings there and back.
+                    assert!(!goes(area, triangles, most * 0.999_999, was_gone));
+                    assert!(goes(area, triangles, most * 1.000_001, was_gone));
+                }
             }
         }
     }
 
     #[test]
-    fn what_is_large_never_goes() {
-        for area in [1_000.0, 1e9, f32::INFINITY] {
-            assert_eq!(stays_up_to_px2(area, u32::MAX, 1_000.0), f32::INFINITY);
-            assert!(area >= goes_below_px2(f32::MAX, u32::MAX, 1_000.0));
+    fn the_users_own_threshold_is_of_the_area_alone() {
+        assert_eq!(STANDARD.stays_up_to_px2(1.9, 0, false), None);
+        assert_eq!(STANDARD.stays_up_to_px2(2.4, 0, true), None);
+        for demanded in [0.0, 1e-9] {
+            assert!(goes(1.9, 0, demanded, false) && goes(2.4, 0, demanded, true));
+            assert!(!goes(2.1, u32::MAX, demanded, false) && !goes(2.6, 0, demanded, true));
         }
     }
 
     #[test]
+    fn what_is_large_never_goes_by_a_demand() {
+        for area in [1_000.0, 1e9, f32::INFINITY] {
+            let most = STANDARD.stays_up_to_px2(area, u32::MAX, false);
+            assert_eq!(most, Some(f32::INFINITY));
+            // Not even where next to nothing of it shows.
+            assert_eq!(STANDARD.least_px2(area, u32::MAX, f32::MAX, false), 2.0);
+        }
+        assert!(goes(999.0, u32::MAX, 1e6, false));
+        assert!(goes(1_249.0, u32::MAX, 1e6, true) && !goes(1_250.0, u32::MAX, 1e6, true));
+    }
+
+    #[test]
     fn of_two_as_large_the_dearer_goes_first() {
-        let of = |triangles| stays_up_to_px2(20.0, triangles, 1_000.0);
-        assert_eq!(of(0), 20.0);
-        assert_eq!(of(192), 10.0);
+        let of = |triangles| STANDARD.stays_up_to_px2(20.0, triangles, false);
+        assert_eq!(of(0), Some(20.0));
+        assert_eq!(of(192), Some(10.0));
         assert!(of(12) > of(700));
     }
 }

@@ -21,12 +21,11 @@ use crate::{
         measure::{Bound, RenderClock},
         workload::{DemandProfile, Workload},
     },
-    contribution::{ContributionCamera, ContributionCulling, rank::stays_up_to_px2},
+    contribution::ContributionCamera,
     culling::candidates::Candidates,
     effects::{Effect, EffectState, Effects},
     occlusion::{OcclusionCamera, OcclusionCounts},
     render_graph::stats::TerrainStats,
-    systems::contribution::{hysteresis, own_threshold},
 };
 
 /// The last frame time that was believed. units: ms
@@ -149,10 +148,7 @@ pub fn end(mut budget: ResMut<Budget>) {
 pub struct BudgetCamera {
     camera: &'static Camera,
     visible: Option<&'static VisibleEntities>,
-    culling: Option<(
-        &'static ContributionCulling,
-        &'static mut ContributionCamera,
-    )>,
+    contribution: Option<&'static mut ContributionCamera>,
     occlusion: Option<(&'static OcclusionCamera, &'static OcclusionCounts)>,
     state: &'static mut BudgetState,
 }
@@ -173,7 +169,7 @@ pub fn choose(
     let Some(asked) = work.asked.as_ref().map(|asked| asked.target_ms) else {
         for mut item in &mut cameras {
             item.state.set_if_neq(BudgetState::default());
-            if let Some((_, camera)) = &mut item.culling {
+            if let Some(camera) = &mut item.contribution {
                 camera.demanded_px2 = 0.0;
             }
         }
@@ -189,22 +185,20 @@ pub fn choose(
     profile.clear();
     areas.clear();
     areas.resize(table.as_ref().map_or(0, |table| table.slots()), 0.0);
-    // The least of the cameras' own thresholds.
-    let mut own = f32::INFINITY;
+    let mut has_contribution = false;
     let mut picture = 0.0;
     for item in cameras.iter().filter(|item| item.camera.is_active) {
         let viewport = viewport_px2(item.camera);
         profile.add_picture(viewport);
         picture += f64::from(viewport);
-        match (item.visible, &item.culling, &table) {
-            (Some(visible), Some((settings, camera)), Some(table)) => {
-                own = own.min(own_threshold(settings));
+        match (item.visible, &item.contribution, &table) {
+            (Some(visible), Some(camera), Some(table)) => {
+                has_contribution = true;
                 add_candidates(
                     profile,
                     areas,
                     table,
                     visible,
-                    settings,
                     camera,
                     item.occlusion,
                     viewport,
@@ -219,7 +213,6 @@ pub fn choose(
     }
     profile.add_fixed(rays(terrain.as_deref(), picture));
     profile.finish();
-    let has_contribution = own.is_finite();
     knobs.set_present(CONTRIBUTION_AREA, has_contribution);
     let manual = knobs
         .get(CONTRIBUTION_AREA)
@@ -240,7 +233,9 @@ pub fn choose(
         },
         knobs.present_mut(),
     );
-    show_threshold(&mut knobs, profile, own, decision.threshold_px2);
+    if has_contribution {
+        show_demand(&mut knobs, profile, decision.threshold_px2);
+    }
     let new = BudgetState {
         measured_ms: controller.measured_ms(),
         predicted_ms: decision.predicted_ms,
@@ -254,7 +249,7 @@ pub fn choose(
         } else {
             BudgetState::default()
         });
-        if let Some((_, camera)) = &mut item.culling {
+        if let Some(camera) = &mut item.contribution {
             camera.demanded_px2 = if is_active {
                 decision.threshold_px2
             } else {
@@ -288,15 +283,10 @@ fn add_candidates(
     areas: &mut [f32],
     table: &Candidates,
     visible: &VisibleEntities,
-    settings: &ContributionCulling,
     camera: &ContributionCamera,
     occlusion: Option<(&OcclusionCamera, &OcclusionCounts)>,
     viewport: f32,
 ) {
-    // What was removed comes back only above the threshold by the hysteresis: it compares as one so much smaller.
-    let hysteresis = hysteresis(settings);
-    // What the camera's own threshold removes is not the budget's to give.
-    let own = own_threshold(settings);
     let hidden = occlusion
         .filter(|(_, counts)| counts.removed > 0)
         .map(|(camera, _)| &camera.hidden);
@@ -313,37 +303,29 @@ fn add_candidates(
         if hidden.is_some_and(|hidden| hidden.contains(slot)) {
             continue;
         }
-        let compared = if camera.removed.contains(slot) {
-            area / hysteresis
-        } else {
-            area
-        };
-        if compared < own {
-            continue;
-        }
         let triangles = table.get(slot).map_or(0, |of| of.triangles);
-        profile.add(
-            stays_up_to_px2(compared, triangles, camera.never_px2),
-            Workload::object(triangles, area, viewport),
-        );
+        let was_gone = camera.removed.contains(slot);
+        // What the camera's own threshold takes is not the budget's to give.
+        if let Some(most) = (camera.standard).stays_up_to_px2(area, triangles, was_gone) {
+            profile.add(most, Workload::object(triangles, area, viewport));
+        }
     }
     profile.add_fixed(others);
 }
 
-/// Shows where the threshold stands, and what each of its steps would lose now.
-fn show_threshold(knobs: &mut Knobs, profile: &DemandProfile, own: f32, demanded: f32) {
-    let Some(knob) = knobs.get_mut(CONTRIBUTION_AREA).filter(|_| own.is_finite()) else {
+/// Shows how much is demanded, and what each of the knob's steps would lose now.
+fn show_demand(knobs: &mut Knobs, profile: &DemandProfile, demanded: f32) {
+    let Some(knob) = knobs.get_mut(CONTRIBUTION_AREA) else {
         return;
     };
     for step in &mut knob.steps {
         step.loss = profile.loss(0, DemandProfile::bin(step.value)) as f32;
     }
-    let stands = demanded.max(own);
-    knob.live = Some(stands);
+    knob.live = Some(demanded);
     knob.at = knob
         .steps
         .iter()
-        .rposition(|step| step.value <= stands)
+        .rposition(|step| step.value <= demanded)
         .unwrap_or(0);
 }
 

@@ -20,7 +20,7 @@ use crate::{
     contribution::{
         ContributionCamera, ContributionCounts, ContributionCulling, Exit,
         area::AreaView,
-        rank::{NEVER_GOES, goes_below_px2},
+        rank::{NEVER_GOES, Standard},
     },
     culling::{
         CulledEntities,
@@ -105,7 +105,11 @@ pub fn measure_areas(
             continue;
         };
         let viewport = item.resolution.map_or(viewport, |to| to.0).as_vec2();
-        state.never_px2 = NEVER_GOES * viewport.element_product();
+        state.standard = Standard {
+            own_px2: own_threshold(item.settings),
+            hysteresis: hysteresis(item.settings),
+            never_px2: NEVER_GOES * viewport.element_product(),
+        };
         let view = AreaView::new(
             item.camera.clip_from_view() * item.place.to_matrix().inverse(),
             viewport,
@@ -121,27 +125,31 @@ pub fn measure_areas(
             && !item.draws_directly
             && stats.lock().is_ready();
         if by_gpu {
-            state.gpu = Some(view);
+            state.gpu = Some(view.clone());
             state.asked.clear(table.slots());
         }
-        let measured = measure(&table, &view, list, by_gpu, state);
+        // A policy goes by something else.
+        let by_policy = item.has_policy && !item.has_budget;
+        let view = (!by_gpu && !by_policy).then_some(&view);
+        let measured = measure(&table, view, list, state);
         (counts.candidates, counts.triangles) = measured;
         counts.cpu_ms = began.elapsed().as_secs_f32() * 1e3;
     }
 }
 
-/// Fills a camera's slots and areas, in the order of `list`; returns how many are candidates, and their triangles.
+/// Fills a camera's slots and, with a view, areas, in the order of `list`; returns how many are candidates, and their
+/// triangles.
 fn measure(
     table: &Candidates,
-    view: &AreaView,
+    view: Option<&AreaView>,
     list: &[Entity],
-    by_gpu: bool,
     state: &mut ContributionCamera,
 ) -> (u32, u64) {
     let ContributionCamera {
         slots,
         areas,
         asked,
+        gpu,
         ..
     } = state;
     slots.resize(list.len(), NO_SLOT);
@@ -152,7 +160,7 @@ fn measure(
             return (0, 0);
         };
         *slot = found;
-        if !by_gpu {
+        if let Some(view) = view {
             *area = view.area_px2(&of.world_from_local, &of.volume);
         }
         (1, u64::from(of.triangles))
@@ -184,7 +192,7 @@ fn measure(
         });
         totals.into_iter().fold((0, 0), sum)
     };
-    if by_gpu {
+    if gpu.is_some() {
         for slot in slots.iter().filter(|slot| **slot != NO_SLOT) {
             asked.insert(*slot);
         }
@@ -224,14 +232,15 @@ pub fn cull_small(
             state.fades.end_all();
             continue;
         }
-        let threshold = own_threshold(settings);
-        let hysteresis = hysteresis(settings);
-        counts.threshold_px2 = threshold.max(state.demanded_px2);
+        let standard = state.standard;
+        counts.threshold_px2 = standard.own_px2;
+        counts.demanded_px2 = state.demanded_px2;
         let list = item.visible.into_inner().get_mut(TypeId::of::<Mesh3d>());
         if state.gpu.is_some() {
             counts.on_gpu = true;
             state.fades.end_all();
-            state.thresholds = (threshold, threshold * hysteresis);
+            let own = standard.own_px2;
+            state.thresholds = (own, own * standard.hysteresis);
             take_verdicts(&table, list, state, culled, counts);
         } else {
             let seconds = match settings.exit {
@@ -251,10 +260,8 @@ pub fn cull_small(
                 .map(|newest| DepthTest::new(&newest.depth));
             let judge = Judge {
                 table: &table,
-                threshold,
+                standard,
                 demanded: state.demanded_px2,
-                never: state.never_px2,
-                hysteresis,
                 depth,
                 fades: seconds.is_some(),
             };
@@ -297,20 +304,16 @@ enum Complaint {
     Seconds,
 }
 
-fn complaint(settings: &ContributionCulling) -> Option<Complaint> {
-    let ContributionCulling {
-        threshold_px2,
-        hysteresis,
-        exit,
-        ..
-    } = settings;
-    if !(threshold_px2.is_finite() && *threshold_px2 > 0.0) {
+/// What is wrong with settings. Where something else takes objects out, too, nothing need be too small by itself.
+fn complaint(settings: &ContributionCulling, may_be_zero: bool) -> Option<Complaint> {
+    let threshold = settings.threshold_px2;
+    if own_threshold(settings) != threshold || (threshold == 0.0 && !may_be_zero) {
         Some(Complaint::Threshold)
-    } else if !(hysteresis.is_finite() && *hysteresis >= 1.0) {
+    } else if hysteresis(settings) != settings.hysteresis {
         Some(Complaint::Hysteresis)
     } else {
-        match exit {
-            Exit::Dithered { seconds } if !(seconds.is_finite() && *seconds > 0.0) => {
+        match settings.exit {
+            Exit::Dithered { seconds } if !(seconds.is_finite() && seconds > 0.0) => {
                 Some(Complaint::Seconds)
             }
             _ => None,
@@ -321,12 +324,9 @@ fn complaint(settings: &ContributionCulling) -> Option<Complaint> {
 /// Says of everything in one camera's view whether it is too small.
 struct Judge<'a> {
     table: &'a Candidates,
-    /// The user's own. units: px²
-    threshold: f32,
-    /// The budget's, and from where on it takes nothing. units: px²
+    standard: Standard,
+    /// By a budget. units: px²
     demanded: f32,
-    never: f32,
-    hysteresis: f32,
     depth: Option<DepthTest<'a>>,
     fades: bool,
 }
@@ -375,14 +375,8 @@ impl Judge<'_> {
 
     /// By its area, as far as it shows: that is looked up only where it decides.
     fn is_small(&self, slot: u32, area: f32, was_small: bool) -> bool {
-        let mut least = self.threshold;
-        if self.demanded > 0.0 {
-            let triangles = self.table.get(slot).map_or(0, |of| of.triangles);
-            least = least.max(goes_below_px2(self.demanded, triangles, self.never));
-        }
-        if was_small {
-            least *= self.hysteresis;
-        }
+        let triangles = self.table.get(slot).map_or(0, |of| of.triangles);
+        let least = (self.standard).least_px2(area, triangles, self.demanded, was_small);
         if area < least {
             return true;
         }
@@ -477,7 +471,7 @@ pub fn report_contribution(
         &Camera,
         &ContributionCulling,
         &ContributionCounts,
-        Has<FrameBudget>,
+        (Has<FrameBudget>, Has<WorkloadPolicy>),
     )>,
     mut diagnostics: Diagnostics,
 ) {
@@ -492,7 +486,7 @@ pub fn report_contribution(
     }
     let mut total = ContributionCounts::default();
     let (mut active, mut wrong) = (0, None);
-    for (camera, settings, counts, has_budget) in &cameras {
+    for (camera, settings, counts, (has_budget, has_policy)) in &cameras {
         if !camera.is_active {
             continue;
         }
@@ -502,11 +496,8 @@ pub fn report_contribution(
         total.cpu_ms += counts.cpu_ms;
         total.on_gpu |= counts.on_gpu;
         total.threshold_px2 = total.threshold_px2.max(counts.threshold_px2);
-        // With a budget nothing need be too small by itself.
-        let is_meant = has_budget && settings.threshold_px2 == 0.0;
-        let complaint =
-            complaint(settings).filter(|wrong| !(is_meant && *wrong == Complaint::Threshold));
-        wrong = wrong.or_else(|| Some((complaint?, settings)));
+        total.demanded_px2 = total.demanded_px2.max(counts.demanded_px2);
+        wrong = wrong.or_else(|| Some((complaint(settings, has_budget || has_policy)?, settings)));
     }
     diagnostics.add_measurement(&REMOVED, || f64::from(total.removed));
     diagnostics.add_measurement(&CPU_MS, || f64::from(total.cpu_ms));
@@ -522,6 +513,9 @@ pub fn report_contribution(
         "{} of {} candidates removed, below {} px²",
         total.removed, total.candidates, total.threshold_px2
     );
+    if total.demanded_px2 > 0.0 {
+        let _ = write!(what, ", {} px² demanded", total.demanded_px2);
+    }
     if total.on_gpu {
         let _ = write!(what, ", compared by the GPU");
     }

@@ -13,10 +13,9 @@ use crate::{
     culling::candidates::Candidates,
 };
 
-/// Areas of what goes and what stays, and the threshold between them. units: px²
-const GOES: f32 = 0.0;
+/// Areas of what goes and what stays, below and above any threshold. units: px²
+const GOES: f32 = -1.0;
 const STAYS: f32 = f32::INFINITY;
-const BETWEEN: f32 = 1.0;
 
 /// Lets cameras without a budget remove what their policy says.
 pub fn follow_policy(
@@ -48,7 +47,6 @@ pub fn follow_policy(
                 triangles: of.triangles,
             })
         }));
-        camera.demanded_px2 = BETWEEN;
         camera.areas.fill(STAYS);
         let goes = match *policy {
             WorkloadPolicy::Distance(most) => {

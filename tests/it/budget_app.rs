@@ -234,7 +234,7 @@ fn everything_is_given_back() {
     scene.step(0.3);
     assert_eq!(scene.get::<TerrainRayCasting>().max_error_px, 1.25);
     assert_eq!(*scene.get::<ZBufferOcclusion>(), occlusion);
-    assert_eq!(scene.get::<ContributionCounts>().threshold_px2, 0.0);
+    assert_eq!(scene.get::<ContributionCounts>().demanded_px2, 0.0);
     let world = scene.offline.app.world();
     assert!(world.resource::<Budget>().controller().is_none());
     assert_eq!(world.resource::<Knobs>().iter().len(), 0);
@@ -324,7 +324,7 @@ fn a_threshold_held_by_hand_is_the_users() {
         scene.step(0.3);
     }
     assert_eq!(scene.get::<BudgetState>().threshold_px2, 64.0);
-    assert_eq!(scene.get::<ContributionCounts>().threshold_px2, 64.0);
+    assert_eq!(scene.get::<ContributionCounts>().demanded_px2, 64.0);
 }
 
 #[test]

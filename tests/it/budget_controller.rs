@@ -781,3 +781,40 @@ fn a_knob_that_scales_work_is_counted_before_it_moves() {
     }
     assert_eq!(knobs[0].at, 1, "{predicted:?}");
 }
+
+#[test]
+fn a_demand_held_by_hand_that_meets_the_target_moves_nothing_else() {
+    let mut profile = DemandProfile::default();
+    profile.add_picture(PICTURE);
+    for area in 1..=100_u16 {
+        let area = f32::from(area);
+        profile.add(area, Workload::object(100, area, PICTURE));
+    }
+    profile.finish();
+    let by_hand = 64.0;
+    let drawn = profile.kept(DemandProfile::bin(by_hand)).objects;
+    let ms = 0.5 * drawn as f32;
+    let mut controller = Controller::default();
+    let mut knobs = [dial("mine", [0.0, 0.5])];
+    for frame in 0..200 {
+        let input = |measured| Input {
+            frame,
+            target_ms: 1.25 * ms,
+            measured,
+            profile: &profile,
+            contribution: Contribution::Manual(by_hand),
+            quantum_ms: None,
+        };
+        let measured = (frame > 0).then(|| Measured {
+            frame: frame - 1,
+            ms,
+        });
+        let decision = controller.step(&input(measured), &mut knobs);
+        // From the first frame on, before anything has been measured.
+        assert_eq!(decision.threshold_px2, by_hand);
+        assert_eq!((decision.moved, knobs[0].at), (None, 0), "frame {frame}");
+        assert_ne!(decision.status, Status::Short, "frame {frame}");
+        assert_eq!(decision.loss, 0.0, "what users set is no loss");
+    }
+    assert_eq!(controller.decision().status, Status::Ample);
+}

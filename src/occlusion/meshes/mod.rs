@@ -354,10 +354,17 @@ impl OccludeeMeshes {
             {
                 continue;
             }
+            let mesh = meshes.get(id);
+            let positions = mesh.and_then(source::positions);
+            // A large one is a batch of its own: no small one has to wait for it.
+            if positions.is_some_and(|all| all.len() >= PROXY_BATCH_VERTICES) && !batch.is_empty() {
+                self.proxies_due.push_front(id);
+                break;
+            }
             entry.proxy_of = entry.triangles;
-            let Some((positions, indices)) = meshes.get(id).and_then(|mesh| {
-                Some((copied(source::positions(mesh)?), source::triangles(mesh)?))
-            }) else {
+            let Some((positions, indices)) = positions
+                .and_then(|positions| Some((copied(positions), source::triangles(mesh?)?)))
+            else {
                 continue;
             };
             vertices += positions.len();

@@ -9,6 +9,10 @@ use super::{
     stage::{Clock, Seen, WorkloadStage},
 };
 
+/// How often a baseline runs until its mean is what it is to be, and how near is near enough. Logarithm.
+const TUNING_RUNS: usize = 5;
+const TUNED_WITHIN: f64 = 0.03;
+
 /// The kinds of policy that have a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Baseline {
@@ -81,7 +85,7 @@ fn sums(seen: &[Seen], key: impl Fn(&Seen) -> f32) -> Vec<(f32, Drawn)> {
 }
 
 impl Census {
-    /// Goes along a path of so many frames with the frustum alone. Leaves the camera so.
+    /// Goes along a path of so many frames, led up to, under [`Policy::Frustum`]. Leaves the camera so.
     pub fn take(stage: &mut WorkloadStage, path: WorkloadPath, frames: u32) -> Self {
         stage.begin(&Policy::Frustum, 0.0, Clock::Time);
         for frame in -LEAD_FRAMES..0 {
@@ -158,16 +162,10 @@ impl Census {
             }
         }
     }
-}
 
-/// How often a baseline runs until its mean is what it is to be, and how near is near enough. Logarithm.
-const TUNING_RUNS: usize = 3;
-const TUNED_WITHIN: f64 = 0.02;
-
-impl Census {
     /// Runs a baseline at a mean counted time; `run` says what its frames were counted as, in the mean. A census knows
-    /// at which number that is, but for what comes into sight when that which hid it is left out: where what is hidden
-    /// is not drawn, the number is corrected by what came of it.
+    /// at which number that is, but for what comes into sight when that which hid it is left out, and what is spent on
+    /// what is hidden: where what is hidden is not drawn, the number is corrected by what came of it.
     ///
     /// # Errors
     /// Those of `run`.
@@ -178,24 +176,40 @@ impl Census {
         mean_ms: f64,
         mut run: impl FnMut(&mut WorkloadStage, &Policy) -> Result<(f64, T), E>,
     ) -> Result<T, E> {
-        let mut aim_ms = mean_ms;
-        let mut next = || {
-            let policy = self.tuned(baseline, &stage.cost, aim_ms);
-            let (counted_ms, ran) = run(stage, &policy)?;
-            aim_ms *= mean_ms / counted_ms;
-            Ok((((counted_ms / mean_ms).ln()).abs(), ran))
+        let empty_ms = stage.cost.frame_ms;
+        // By what share of what is drawn the mean is off. Logarithm.
+        let off = |counted_ms: f64| {
+            let drawn = |ms: f64| (ms - empty_ms).max(1e-3 * mean_ms);
+            (drawn(counted_ms) / drawn(mean_ms)).ln()
         };
-        let mut best = next()?;
+        let mut policy = self.tuned(baseline, &stage.cost, mean_ms);
+        let (counted_ms, mut best) = run(stage, &policy)?;
+        let mut least = off(counted_ms);
+        let mut last: Option<(f64, f64)> = None;
+        let mut now = least;
         for _ in 1..TUNING_RUNS {
-            if best.0 <= TUNED_WITHIN || !best.0.is_finite() {
+            let Some(number) = policy.parameter().filter(|_| least.abs() > TUNED_WITHIN) else {
                 break;
-            }
-            let another = next()?;
-            if another.0 < best.0 {
-                best = another;
+            };
+            // More by this power of the number, until two runs tell.
+            let usual = if baseline == Baseline::Threshold {
+                -1.0
+            } else {
+                1.0
+            };
+            let power = last
+                .map(|(number_then, then)| (now - then) / (number.ln() - number_then))
+                .filter(|power| power.is_finite() && power * usual > 0.2)
+                .unwrap_or(usual);
+            last = Some((number.ln(), now));
+            policy = policy.with_parameter(number * (-now / power).clamp(-2.0, 2.0).exp());
+            let (counted_ms, another) = run(stage, &policy)?;
+            now = off(counted_ms);
+            if now.abs() < least.abs() {
+                (least, best) = (now, another);
             }
         }
-        Ok(best.1)
+        Ok(best)
     }
 }
 

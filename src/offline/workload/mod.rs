@@ -6,7 +6,7 @@
 //! each at a price that is learned once at the start from measured frames, or given. The budget is held on one of
 //! them; both are reported.
 //!
-//! With all policies, each baseline's number is chosen so that its mean counted time along the path is the budget's:
+//! With all policies, each baseline's number is chosen so that its mean counted time along the path is the budget's, or near it:
 //! then they differ in how steady they are and in what they leave out, not in how much they draw.
 
 mod census;
@@ -110,7 +110,7 @@ pub struct Plan {
     pub size: UVec2,
     /// A glTF binary with a node and mesh a building, else a city made by code.
     pub city: Option<PathBuf>,
-    /// Whether what is hidden is left out, too, whatever the policy.
+    /// Whether what is hidden is left out, too, under every policy but [`Policy::None`].
     pub occludes: bool,
     /// A small city.
     pub quick: bool,

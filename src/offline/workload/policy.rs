@@ -48,6 +48,18 @@ impl Policy {
     }
 }
 
+impl Policy {
+    /// The same kind with another number; without one, the same.
+    pub(super) fn with_parameter(self, number: f64) -> Self {
+        match self {
+            Self::Polygons(_) => Self::Polygons(number.max(1.0) as u64),
+            Self::Distance(_) => Self::Distance(number as f32),
+            Self::Threshold(_) => Self::Threshold(number as f32),
+            Self::None | Self::Frustum | Self::Budget => self,
+        }
+    }
+}
+
 impl fmt::Display for Policy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -30,6 +30,16 @@ use crate::{
     },
 };
 
+fn contribution(threshold_px2: f32) -> ContributionCulling {
+    ContributionCulling {
+        threshold_px2,
+        exit: Exit::Cut,
+        // What the GPU leaves out could not be counted in the same frame.
+        gpu_from: usize::MAX,
+        ..default()
+    }
+}
+
 /// Frames after a change of what is drawn that are not believed.
 const SETTLE_FRAMES: usize = 2;
 
@@ -143,25 +153,22 @@ impl WorkloadStage {
         self.camera
     }
 
-    /// Whether what is hidden is left out, too, whatever the policy; from the next [`begin`](Self::begin) on.
+    /// Whether what is hidden is left out, too, under every policy but [`Policy::None`]; from the next [`begin`](Self::begin) on.
     pub fn set_occludes(&mut self, occludes: bool) {
         self.occludes = occludes;
     }
 
     /// Sets what decides what is drawn, on a new camera: nothing is left of what an older one had learned.
     pub fn begin(&mut self, policy: &Policy, target_ms: f64, clock: Clock) {
-        let contribution = |threshold_px2| ContributionCulling {
-            threshold_px2,
-            exit: Exit::Cut,
-            // What the GPU leaves out could not be counted in the same frame.
-            gpu_from: usize::MAX,
-            ..default()
-        };
         match *policy {
             Policy::None | Policy::Frustum => self.begin_with(()),
             Policy::Polygons(most) => self.begin_with(WorkloadPolicy::Polygons(most)),
             Policy::Distance(metres) => self.begin_with(WorkloadPolicy::Distance(metres)),
-            Policy::Threshold(area) => self.begin_with(contribution(area)),
+            // P4 has no hysteresis.
+            Policy::Threshold(area) => self.begin_with(ContributionCulling {
+                hysteresis: 1.0,
+                ..contribution(area)
+            }),
             Policy::Budget => {
                 let budget = FrameBudget {
                     clock: BudgetClock::Given,
@@ -305,7 +312,9 @@ impl WorkloadStage {
             .app
             .world()
             .get::<ContributionCounts>(self.camera);
-        counts.map_or(0.0, |counts| f64::from(counts.threshold_px2))
+        counts.map_or(0.0, |counts| {
+            f64::from(counts.threshold_px2.max(counts.demanded_px2))
+        })
     }
 
     fn knobs(&self) -> String {
@@ -333,7 +342,8 @@ impl WorkloadStage {
     /// near half of it, and what has few or many triangles by itself, so that objects, triangles and pixels can be
     /// told apart. Returns the frames. Leaves the camera without a policy.
     pub fn calibrate(&mut self, path: WorkloadPath, places: u32) -> Vec<(Drawn, f64)> {
-        self.begin(&Policy::Frustum, 0.0, Clock::Time);
+        // All sets measure areas or distances, so that what that takes is not put down to what they draw.
+        self.begin_with(contribution(0.0));
         let reach = 0.15 * self.scene.bounds[0].distance(self.scene.bounds[1]);
         let sets = [
             (None, None),

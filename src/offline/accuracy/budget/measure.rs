@@ -82,76 +82,93 @@ pub(super) fn measure_all(
         shown: Vec::new(),
         misfit: misfit.unwrap_or(0.0),
     };
+    let mut lightest_ms = Vec::new();
     for &occludes in &plan.occludes {
         stage.set_occludes(occludes);
-        measure_paths(stage, plan, occludes, progress, &mut measured)?;
+        let turn = Census::take(stage, WorkloadPath::Rotate, plan.path_frames);
+        lightest_ms.push(turn.least_ms(&stage.cost));
+    }
+    for &path in &plan.paths {
+        let (none, whole) = pictures_of(
+            stage,
+            &Policy::None,
+            (path, plan.path_frames),
+            (0.0, Clock::Time),
+        )?;
+        progress.inc(1);
+        let none = Seen {
+            run: none,
+            flip_mean: 0.0,
+        };
+        for (&occludes, &lightest_ms) in plan.occludes.iter().zip(&lightest_ms) {
+            stage.set_occludes(occludes);
+            let unculled = (&none, whole.as_slice());
+            measure_path(
+                stage,
+                plan,
+                (path, occludes),
+                lightest_ms,
+                unculled,
+                progress,
+                &mut measured,
+            )?;
+        }
     }
     Ok(measured)
 }
 
-/// All paths, clocks, targets and policies, what is hidden being left out, too, or not.
-fn measure_paths(
+/// A path under all clocks, targets and policies, what is hidden being left out, too, or not.
+fn measure_path(
     stage: &mut WorkloadStage,
     plan: &Plan,
-    occludes: bool,
+    (path, occludes): (WorkloadPath, bool),
+    lightest_ms: f64,
+    (none, whole): (&Seen, &[RgbImage]),
     progress: &ProgressBar,
     measured: &mut Measured,
 ) -> Result<(), AccuracyError> {
-    let turn = Census::take(stage, WorkloadPath::Rotate, plan.path_frames);
     let empty_ms = stage.cost.frame_ms;
-    let lightest_ms = turn.least_ms(&stage.cost);
-    for &path in &plan.paths {
-        let way = (path, plan.path_frames);
-        let occlusion = if occludes { "_occlusion" } else { "" };
-        let name = format!("{}/{}{occlusion}", stage.scene.name, path.name());
-        progress.set_message(name.clone());
-        let census = match path {
-            WorkloadPath::Rotate => turn.clone(),
-            _ => Census::take(stage, path, plan.path_frames),
-        };
-        // What is out of view shows nowhere: the pictures of everything in view are the unculled ones.
-        let (frustum, whole) = pictures_of(stage, &Policy::Frustum, way, (0.0, Clock::Time))?;
-        let along = |goal| Along {
-            way,
-            goal,
-            whole: &whole,
-            progress,
-        };
-        let none = see(stage, &Policy::None, &along((0.0, Clock::Time)))?;
-        let frustum = Seen {
-            run: frustum,
-            flip_mean: 0.0,
-        };
-        for &clock in &plan.clocks {
-            for (index, share) in plan.targets.iter().enumerate() {
-                let target_ms = empty_ms + share * (lightest_ms - empty_ms);
-                let goal = (target_ms, clock);
-                progress.set_message(format!("{name}, {target_ms:.2} ms, {}", clock.name()));
-                let along = along(goal);
-                let budget = see(stage, &Policy::Budget, &along)?;
-                let mean_ms = budget.run.counted(target_ms).mean;
-                let mut seen = vec![budget];
-                for baseline in BASELINES {
-                    let tuned = census.run_tuned(stage, baseline, mean_ms, |stage, policy| {
-                        let seen = see(stage, policy, &along)?;
-                        Ok::<_, AccuracyError>((seen.run.counted(target_ms).mean, seen))
-                    });
-                    seen.push(tuned?);
-                }
-                for of in seen.iter().chain([&frustum, &none]) {
-                    measured.lines.push(line(stage, &name, of, goal, plan));
-                }
-                if index == plan.targets.len() / 2 {
-                    let mut runs: Vec<Run> = vec![frustum.run.clone()];
-                    runs.extend(seen.into_iter().rev().map(|of| of.run));
-                    measured.shown.push(Shown {
-                        scene: name.clone(),
-                        path,
-                        clock,
-                        target_ms,
-                        runs,
-                    });
-                }
+    let occlusion = if occludes { "_occlusion" } else { "" };
+    let name = format!("{}/{}{occlusion}", stage.scene.name, path.name());
+    progress.set_message(name.clone());
+    let way = (path, plan.path_frames);
+    let census = Census::take(stage, path, plan.path_frames);
+    let along = |goal| Along {
+        way,
+        goal,
+        whole,
+        progress,
+    };
+    let frustum = see(stage, &Policy::Frustum, &along((0.0, Clock::Time)))?;
+    for &clock in &plan.clocks {
+        for (index, share) in plan.targets.iter().enumerate() {
+            let target_ms = empty_ms + share * (lightest_ms - empty_ms);
+            let goal = (target_ms, clock);
+            progress.set_message(format!("{name}, {target_ms:.2} ms, {}", clock.name()));
+            let along = along(goal);
+            let budget = see(stage, &Policy::Budget, &along)?;
+            let mean_ms = budget.run.counted(target_ms).mean;
+            let mut seen = vec![budget];
+            for baseline in BASELINES {
+                let tuned = census.run_tuned(stage, baseline, mean_ms, |stage, policy| {
+                    let seen = see(stage, policy, &along)?;
+                    Ok::<_, AccuracyError>((seen.run.counted(target_ms).mean, seen))
+                });
+                seen.push(tuned?);
+            }
+            for of in seen.iter().chain([&frustum, none]) {
+                measured.lines.push(line(stage, &name, of, goal, plan));
+            }
+            if index == plan.targets.len() / 2 {
+                let mut runs: Vec<Run> = vec![frustum.run.clone()];
+                runs.extend(seen.into_iter().rev().map(|of| of.run));
+                measured.shown.push(Shown {
+                    scene: name.clone(),
+                    path,
+                    clock,
+                    target_ms,
+                    runs,
+                });
             }
         }
     }

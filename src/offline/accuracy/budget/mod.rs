@@ -36,7 +36,7 @@ pub struct Plan {
     pub path_frames: u32,
     /// Which times are held.
     pub clocks: Vec<Clock>,
-    /// Whether what is hidden is left out, too, under every policy.
+    /// Whether what is hidden is left out, too, under every policy but `none`.
     pub occludes: Vec<bool>,
     /// Targets, as shares of what the lightest frame of a turn costs beyond an empty one.
     pub targets: Vec<f64>,
