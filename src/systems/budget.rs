@@ -277,7 +277,6 @@ fn rays(terrain: Option<&TerrainStats>, picture_px2: f64) -> Workload {
 }
 
 /// Adds what a camera has in view, as its contribution culling will compare it, but for what is known to be hidden.
-#[expect(clippy::too_many_arguments, reason = "the parts of one camera")]
 fn add_candidates(
     profile: &mut DemandProfile,
     areas: &mut [f32],

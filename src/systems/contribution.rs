@@ -125,7 +125,7 @@ pub fn measure_areas(
             && !item.draws_directly
             && stats.lock().is_ready();
         if by_gpu {
-            state.gpu = Some(view.clone());
+            state.gpu = Some(view);
             state.asked.clear(table.slots());
         }
         // A policy goes by something else.
@@ -461,18 +461,23 @@ impl ContributionDiagnosticPaths {
     }
 }
 
+/// What is told of a camera.
+#[derive(QueryData)]
+pub struct ReportedCamera {
+    camera: &'static Camera,
+    settings: &'static ContributionCulling,
+    counts: &'static ContributionCounts,
+    has_budget: Has<FrameBudget>,
+    has_policy: Has<WorkloadPolicy>,
+}
+
 /// Writes contribution culling's entry in [`Effects`] and its diagnostics. Allocates only when the state changes in kind.
 pub fn report_contribution(
     mut effects: ResMut<Effects>,
     stats: Res<ContributionStats>,
     paths: Res<ContributionDiagnosticPaths>,
     store: Option<Res<DiagnosticsStore>>,
-    cameras: Query<(
-        &Camera,
-        &ContributionCulling,
-        &ContributionCounts,
-        (Has<FrameBudget>, Has<WorkloadPolicy>),
-    )>,
+    cameras: Query<ReportedCamera>,
     mut diagnostics: Diagnostics,
 ) {
     let entry = effects
@@ -486,8 +491,9 @@ pub fn report_contribution(
     }
     let mut total = ContributionCounts::default();
     let (mut active, mut wrong) = (0, None);
-    for (camera, settings, counts, (has_budget, has_policy)) in &cameras {
-        if !camera.is_active {
+    for item in &cameras {
+        let (settings, counts) = (item.settings, item.counts);
+        if !item.camera.is_active {
             continue;
         }
         active += 1;
@@ -497,7 +503,12 @@ pub fn report_contribution(
         total.on_gpu |= counts.on_gpu;
         total.threshold_px2 = total.threshold_px2.max(counts.threshold_px2);
         total.demanded_px2 = total.demanded_px2.max(counts.demanded_px2);
-        wrong = wrong.or_else(|| Some((complaint(settings, has_budget || has_policy)?, settings)));
+        wrong = wrong.or_else(|| {
+            Some((
+                complaint(settings, item.has_budget || item.has_policy)?,
+                settings,
+            ))
+        });
     }
     diagnostics.add_measurement(&REMOVED, || f64::from(total.removed));
     diagnostics.add_measurement(&CPU_MS, || f64::from(total.cpu_ms));
