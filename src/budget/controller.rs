@@ -40,7 +40,7 @@ const DEVIATIONS: f64 = 2.25;
 /// The least and the most that is aimed below the target. Relative.
 const LEAST_MARGIN: f64 = 0.0075;
 const MOST_MARGIN: f64 = 0.1;
-/// The threshold stays where its prediction is within so much of the aim: relative, the same below it, where bins leave
+/// The demand stays where its prediction is within so much of the aim: relative, the same below it, where bins leave
 /// gaps, and in deviations.
 const STAYS: f64 = 0.002;
 const STAYS_BELOW: f64 = 0.006;
@@ -51,7 +51,7 @@ const YOUNG: f64 = 8.0;
 /// frames after it may be due to that.
 const JUMP: f64 = 1.25;
 const JUMP_LASTS: u32 = 6;
-/// How far the threshold may go for a time to be so many times what it was, all terms of the work being known to
+/// How far the demand may go for a time to be so many times what it was, all terms of the work being known to
 /// change no faster than the steepest of them: a power of that factor, and not more than so much beyond it.
 const REACH: f64 = 1.2;
 const REACH_BEYOND: f64 = 0.1;
@@ -87,14 +87,14 @@ pub struct Input<'a> {
     pub quantum_ms: Option<f32>,
 }
 
-/// Who has contribution culling's threshold in hand.
+/// Who has contribution culling's demand in hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Contribution {
     /// Nobody: there is none.
     Absent,
     /// The budget.
     Budget,
-    /// The user, with this threshold. units: px²
+    /// The user, with this demand. units: px²
     Manual(f32),
 }
 
@@ -104,7 +104,7 @@ pub struct Decision {
     /// How it stands.
     pub status: Status,
     /// What is demanded of contribution culling (see [`rank`](crate::contribution::rank)). units: px²
-    pub threshold_px2: f32,
+    pub demanded_px2: f32,
     /// What this frame is predicted to take. units: ms
     pub predicted_ms: Option<f32>,
     /// What it aims at: below the target by as much as frames scatter. units: ms
@@ -134,7 +134,7 @@ pub enum Status {
 struct Frame {
     number: u64,
     is_used: bool,
-    /// Where the threshold stood.
+    /// Where the demand stood.
     bin: usize,
     /// What it was expected to draw, and what it did; in work scaled by the knobs.
     expected: Workload,
@@ -162,7 +162,7 @@ pub struct Controller {
     last_expected: Workload,
     last_bin: usize,
     since_jump: u32,
-    /// Bin that the threshold stands at.
+    /// Bin that the demand stands at.
     bin: usize,
     /// Level of the trim when a knob last moved. Logarithm.
     level_before_move: f64,
@@ -239,9 +239,9 @@ impl Controller {
             status: Status::NoMeasurement,
             predicted_ms: None,
             moved: None,
-            threshold_px2: match input.contribution {
+            demanded_px2: match input.contribution {
                 Contribution::Manual(px2) => px2,
-                _ => self.decision.threshold_px2,
+                _ => self.decision.demanded_px2,
             },
             ..self.decision
         };
@@ -377,7 +377,7 @@ impl Controller {
                 (_, true) if predicted <= target => Status::Ample,
                 _ => Status::Held,
             },
-            threshold_px2: match input.contribution {
+            demanded_px2: match input.contribution {
                 Contribution::Budget if bin > 0 => DemandProfile::edge(bin),
                 Contribution::Manual(px2) => px2,
                 _ => 0.0,

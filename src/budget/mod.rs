@@ -7,7 +7,7 @@
 //! | Where | What |
 //! |---|---|
 //! | [`measure`] | what a frame took |
-//! | [`workload`] | what it had to do, and what any threshold leaves of it |
+//! | [`workload`] | what it had to do, and what any demand leaves of it |
 //! | [`model`] | what that costs here, learned |
 //! | [`trim`] | by how much the model is off just now, and how far frames scatter |
 //! | [`controller`] | the choice of each frame; plain data, no app |
@@ -19,7 +19,7 @@
 //! | When | What |
 //! |---|---|
 //! | `First` | [`BudgetSystems::Begin`]: the clock starts, times of past frames are taken in; [`BudgetSystems::ApplyKnobs`]: knobs that moved are applied |
-//! | `PostUpdate`, [`ContributionSteps::Choose`](crate::contribution::ContributionSteps) | areas are summed up, the threshold of this frame is chosen, other knobs are moved for the next |
+//! | `PostUpdate`, [`ContributionSteps::Choose`](crate::contribution::ContributionSteps) | areas are summed up, the demand of this frame is chosen, other knobs are moved for the next |
 //! | `PostUpdate`, after [`CullSystems`] | what is drawn in the end is noted, to be learned from |
 //! | `Last` | the clock stops; [`Effects`](crate::effects::Effects) and diagnostics are written |
 //!
@@ -59,7 +59,7 @@ use workload::DemandProfile;
 /// loss first, and gives them back in reverse.
 ///
 /// Frame time is the app's, not a camera's: where several active cameras have a budget, the strictest target holds, by
-/// its own clock, and all of them get the same threshold. A target that is not finite and above 0 asks for nothing.
+/// its own clock, and the same is demanded of all of them. A target that is not finite and above 0 asks for nothing.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(BudgetState)]
@@ -128,7 +128,7 @@ pub struct BudgetState {
     pub predicted_ms: Option<f32>,
     /// What is demanded of contribution culling: an object without triangles goes below this, others below more (see
     /// [`rank`](crate::contribution::rank)). units: px²
-    pub threshold_px2: f32,
+    pub demanded_px2: f32,
     /// In short.
     pub status: BudgetStatus,
 }
@@ -271,7 +271,7 @@ pub(crate) fn register(app: &mut App) {
     for diagnostic in [
         Diagnostic::new(systems::MEASURED_MS).with_suffix(" ms"),
         Diagnostic::new(systems::PREDICTED_MS).with_suffix(" ms"),
-        Diagnostic::new(systems::THRESHOLD_PX2).with_suffix(" px²"),
+        Diagnostic::new(systems::DEMANDED_PX2).with_suffix(" px²"),
     ] {
         app.register_diagnostic(diagnostic);
     }

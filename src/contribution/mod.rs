@@ -26,7 +26,8 @@
 //! what is allowed for: areas are not below the exact one there either, and verdicts differ only within that of the
 //! threshold. The entities stay in `VisibleEntities`;
 //! [`CulledEntities`] and the counts say some frames late which were left out. The CPU measures all the same where the
-//! camera has a [`FrameBudget`](crate::budget::FrameBudget), [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion),
+//! camera has a [`FrameBudget`](crate::budget::FrameBudget), a
+//! [`WorkloadPolicy`](crate::budget::WorkloadPolicy), [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion),
 //! Bevy's `OcclusionCulling`, `NoIndirectDrawing` or [`Exit::Dithered`], where anything in the scene has `NoCpuCulling`,
 //! and where the GPU cannot draw indirectly.
 
@@ -52,8 +53,8 @@ use fade::Fades;
 /// On a camera: what covers fewer square pixels than this is not drawn.
 ///
 /// Candidates are entities with `Mesh3d`; see [`NoContributionCulling`] for how to leave one out. A
-/// [`FrameBudget`](crate::budget::FrameBudget) on the same camera raises the threshold as far as time demands, never
-/// below the one set here.
+/// [`FrameBudget`](crate::budget::FrameBudget) on the same camera takes as much more as time demands ([`rank`]), and
+/// never less than the one set here.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(ContributionCamera, CulledEntities, ContributionCounts)]
@@ -197,8 +198,8 @@ pub(crate) fn register(app: &mut App) {
 pub enum ContributionSteps {
     /// Areas of what is in view are measured.
     Measure,
-    /// A frame budget chooses the threshold.
+    /// A frame budget chooses what it demands beyond the threshold.
     Choose,
-    /// What is below the threshold is removed.
+    /// What is below either is removed.
     Remove,
 }

@@ -84,7 +84,7 @@ pub struct BudgetRow {
     /// units: ms
     pub predicted_ms: Option<f32>,
     /// units: px²
-    pub threshold_px2: f32,
+    pub demanded_px2: f32,
     /// In short.
     pub status: BudgetStatus,
 }
@@ -319,7 +319,7 @@ impl PanelData {
         self.budget = strictest.map(|(_, budget, state)| BudgetRow {
             target_ms: budget.target_ms,
             predicted_ms: state.predicted_ms,
-            threshold_px2: state.threshold_px2,
+            demanded_px2: state.demanded_px2,
             status: state.status,
         });
     }

@@ -32,8 +32,8 @@ use crate::{
 pub const MEASURED_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/budget/measured_ms");
 /// What the frame was predicted to take. units: ms
 pub const PREDICTED_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/budget/predicted_ms");
-/// The contribution threshold that was demanded. units: px²
-pub const THRESHOLD_PX2: DiagnosticPath = DiagnosticPath::const_new("skyline/budget/threshold_px2");
+/// What was demanded of contribution culling. units: px²
+pub const DEMANDED_PX2: DiagnosticPath = DiagnosticPath::const_new("skyline/budget/demanded_px2");
 
 /// Notices whether any camera asks for a budget; what was kept goes when none does any more.
 pub fn wake(
@@ -234,12 +234,12 @@ pub fn choose(
         knobs.present_mut(),
     );
     if has_contribution {
-        show_demand(&mut knobs, profile, decision.threshold_px2);
+        show_demand(&mut knobs, profile, decision.demanded_px2);
     }
     let new = BudgetState {
         measured_ms: controller.measured_ms(),
         predicted_ms: decision.predicted_ms,
-        threshold_px2: decision.threshold_px2,
+        demanded_px2: decision.demanded_px2,
         status: decision.status.into(),
     };
     for mut item in &mut cameras {
@@ -251,7 +251,7 @@ pub fn choose(
         });
         if let Some(camera) = &mut item.contribution {
             camera.demanded_px2 = if is_active {
-                decision.threshold_px2
+                decision.demanded_px2
             } else {
                 0.0
             };
@@ -390,7 +390,7 @@ pub fn report_budget(
     if let Some(ms) = decision.predicted_ms {
         diagnostics.add_measurement(&PREDICTED_MS, || f64::from(ms));
     }
-    diagnostics.add_measurement(&THRESHOLD_PX2, || f64::from(decision.threshold_px2));
+    diagnostics.add_measurement(&DEMANDED_PX2, || f64::from(decision.demanded_px2));
     let status = BudgetStatus::from(decision.status);
     if status == BudgetStatus::NoMeasurement {
         entry.idle(match asked.clock {

@@ -145,7 +145,7 @@ fn the_counted_cost_of_a_turn_is_held() {
         let state = scene.get::<BudgetState>();
         match state.status {
             // Where there is less to draw than the target allows, all of it is drawn.
-            BudgetStatus::Ample => assert_eq!(state.threshold_px2, 0.0),
+            BudgetStatus::Ample => assert_eq!(state.demanded_px2, 0.0),
             BudgetStatus::Held => held.push(ms / TARGET),
             other => panic!("{other:?} in frame {frame}"),
         }
@@ -323,7 +323,7 @@ fn a_threshold_held_by_hand_is_the_users() {
     for _ in 0..20 {
         scene.step(0.3);
     }
-    assert_eq!(scene.get::<BudgetState>().threshold_px2, 64.0);
+    assert_eq!(scene.get::<BudgetState>().demanded_px2, 64.0);
     assert_eq!(scene.get::<ContributionCounts>().demanded_px2, 64.0);
 }
 

@@ -156,7 +156,7 @@ pub fn run(
             },
             knobs,
         );
-        let kept = profile.kept(DemandProfile::bin(decision.threshold_px2));
+        let kept = profile.kept(DemandProfile::bin(decision.demanded_px2));
         let terms = kept.terms();
         let cost: f64 = (0..5).map(|i| plant.costs[i] * terms[i]).sum();
         let true_ms = left * (plant.slower)(frame) * cost;
@@ -184,7 +184,7 @@ fn deviation(of: impl Iterator<Item = f64> + Clone) -> f64 {
 
 /// Largest threshold over the smallest.
 fn spread(rows: &[Row]) -> f64 {
-    let of = |row: &Row| f64::from(row.decision.threshold_px2);
+    let of = |row: &Row| f64::from(row.decision.demanded_px2);
     let high = rows.iter().map(of).fold(0.0, f64::max);
     let low = rows.iter().map(of).fold(f64::MAX, f64::min);
     high / low
@@ -346,7 +346,7 @@ fn in_a_steady_scene_the_threshold_stands() {
     let spread = spread(&rows[200..]);
     let changes = rows[200..]
         .windows(2)
-        .filter(|pair| pair[0].decision.threshold_px2 != pair[1].decision.threshold_px2)
+        .filter(|pair| pair[0].decision.demanded_px2 != pair[1].decision.demanded_px2)
         .count();
     println!("noise 5 %: spread {spread:.3}, {changes} changes in 1800 frames");
     assert!(spread < 2.0, "{spread}");
@@ -523,7 +523,7 @@ fn times_that_are_none_change_nothing() {
         let (rows, _) = run(&city, &Plant::default(), target, 50, |_| 0.4, &mut []);
         for row in rows {
             assert_eq!(row.decision.status, Status::NoMeasurement);
-            assert_eq!(row.decision.threshold_px2, 0.0);
+            assert_eq!(row.decision.demanded_px2, 0.0);
         }
     }
 }
@@ -539,7 +539,7 @@ fn without_any_time_it_says_so_and_moves_nothing() {
     for row in &rows {
         assert_eq!(row.decision.status, Status::NoMeasurement);
         assert_eq!(
-            (row.decision.threshold_px2, row.decision.predicted_ms),
+            (row.decision.demanded_px2, row.decision.predicted_ms),
             (0.0, None)
         );
     }
@@ -551,8 +551,8 @@ fn without_any_time_it_says_so_and_moves_nothing() {
     let (rows, _) = run(&city, &dropped, TARGET, 600, |_| 0.4, &mut []);
     assert_eq!(rows[400].decision.status, Status::NoMeasurement);
     assert_eq!(
-        rows[400].decision.threshold_px2,
-        rows[199].decision.threshold_px2
+        rows[400].decision.demanded_px2,
+        rows[199].decision.demanded_px2
     );
     for row in &rows[505..] {
         let of = row.true_ms / f64::from(TARGET);
@@ -609,7 +609,7 @@ fn what_fits_is_left_alone() {
     let (rows, _) = run(&city, &Plant::default(), 1_000.0, 100, |_| 0.4, &mut []);
     for row in &rows[5..] {
         assert_eq!(row.decision.status, Status::Ample);
-        assert_eq!((row.decision.threshold_px2, row.decision.loss), (0.0, 0.0));
+        assert_eq!((row.decision.demanded_px2, row.decision.loss), (0.0, 0.0));
     }
 }
 
@@ -811,7 +811,7 @@ fn a_demand_held_by_hand_that_meets_the_target_moves_nothing_else() {
         });
         let decision = controller.step(&input(measured), &mut knobs);
         // From the first frame on, before anything has been measured.
-        assert_eq!(decision.threshold_px2, by_hand);
+        assert_eq!(decision.demanded_px2, by_hand);
         assert_eq!((decision.moved, knobs[0].at), (None, 0), "frame {frame}");
         assert_ne!(decision.status, Status::Short, "frame {frame}");
         assert_eq!(decision.loss, 0.0, "what users set is no loss");

@@ -448,7 +448,7 @@ fn what_is_known_is_written() {
     data.budget = Some(BudgetRow {
         target_ms: 16.5,
         predicted_ms: Some(15.5),
-        threshold_px2: 40.0,
+        demanded_px2: 40.0,
         status: BudgetStatus::Held,
     });
     // The last of four is over the target.

@@ -34,10 +34,10 @@ pub(super) fn frames(ui: &mut Ui, data: &PanelData) {
         let predicted = budget
             .predicted_ms
             .map_or_else(String::new, |ms| format!("; predicted {ms:.1} ms"));
-        let threshold = format!("; threshold {:.0} px²", budget.threshold_px2);
+        let demanded = format!("; {:.0} px² demanded", budget.demanded_px2);
         remark(
             ui,
-            &format!("Budget: {words}{predicted}{threshold}"),
+            &format!("Budget: {words}{predicted}{demanded}"),
             colour,
             0,
         );
