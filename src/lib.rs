@@ -32,11 +32,12 @@
 //! | [`terrain`] | the height field, its component, its loaders and its CPU queries |
 //! | [`terrain_shadow`] | the shadows it casts: component, lights, what is done when |
 //! | [`culling`] | what the cullings share: the table of candidates, and what a game sees of what was removed |
-//! | [`contribution`] | contribution culling: component, screen areas |
+//! | [`contribution`] | contribution culling: component, screen areas, which objects go first |
 //! | [`budget`] | the frame budget: measuring, model, controller, knobs |
 //! | [`occlusion`] | Z-buffer occlusion culling: component, volumes, verdicts, what a game sees of it |
 //! | [`resolution`] | resolution scale: the main passes draw fewer pixels |
 //! | `panel` | a panel over the picture: frame times, effects, knobs, what accuracy costs (feature `panel`) |
+//! | `offline` | what the `skyline` command does: pictures, maps, scenes, measurements (feature `cli`) |
 //! | [`systems`] | main-world systems |
 //! | [`render_graph`] | the passes and their order |
 //! | [`mod@reference`] | `f64` twins that GPU results are compared with |

@@ -88,7 +88,7 @@ const HIGHEST: u32 = ((127 + 24) << 23) >> SHIFT;
 pub const BINS: usize = (HIGHEST - LOWEST) as usize + 2;
 
 /// What cameras have in view, by the demand that each object stays up to
-/// ([`stays_up_to_px2`](crate::contribution::rank::stays_up_to_px2)). The work that a demand leaves is looked up.
+/// ([`Standard::stays_up_to_px2`](crate::contribution::rank::Standard::stays_up_to_px2)). The work that a demand leaves is looked up.
 ///
 /// A histogram over the demands' leading bits, so that the edges of bins are exact `f32` numbers and what a demand on
 /// an edge keeps is what the culling keeps, but for rounding. Its memory is taken once.
