@@ -35,6 +35,7 @@
 //! | [`contribution`] | contribution culling: component, screen areas, which objects go first |
 //! | [`budget`] | the frame budget: measuring, model, controller, knobs |
 //! | [`occlusion`] | Z-buffer occlusion culling: component, volumes, verdicts, what a game sees of it |
+//! | [`interior`] | interior culling: what of a model is seen from outside |
 //! | [`resolution`] | resolution scale: the main passes draw fewer pixels |
 //! | `panel` | a panel over the picture: frame times, effects, knobs, what accuracy costs (feature `panel`) |
 //! | `offline` | what the `skyline` command does: pictures, maps, scenes, measurements (feature `cli`) |
@@ -47,12 +48,13 @@
 //! P1 *Subdivided-bounding-box terrain ray casting* (GPU quadtree); P2 occlusion culling with the Z-buffer and
 //! simplified models; P3 rendering by spherical-coordinate representation; P4 region-based contribution culling
 //! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
-//! maps (P5b). Docs cite them by these numbers. This version has P1, P2, P4 and P5b.
+//! maps (P5b). Docs cite them by these numbers. This version has P1, P2, P4, P5a and P5b.
 
 pub mod budget;
 pub mod contribution;
 pub mod culling;
 pub mod effects;
+pub mod interior;
 pub mod occlusion;
 #[cfg(feature = "cli")]
 pub mod offline;
