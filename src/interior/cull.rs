@@ -120,6 +120,22 @@ pub fn cull(
     })
 }
 
+/// The lattice around a model and its directed distance field, on their own.
+///
+/// # Errors
+/// As [`cull`].
+pub fn distance_field(
+    model: &Model,
+    settings: &InteriorCulling,
+    threads: NonZero<usize>,
+    progress: &Progress,
+) -> Result<(Lattice, Field), InteriorError> {
+    let crew = Crew { threads, progress };
+    let snapped = SnappedModel::new(model, settings, &crew)?;
+    let field = snapped.field(&crew)?;
+    Ok((snapped.lattice, field))
+}
+
 /// A model in a lattice's units.
 pub(super) struct SnappedModel<'a> {
     pub(super) lattice: Lattice,

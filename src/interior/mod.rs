@@ -44,7 +44,7 @@ pub mod overlap;
 mod progress;
 mod settings;
 
-pub use cull::{Outcome, Verdict, cull};
+pub use cull::{Outcome, Verdict, cull, distance_field};
 pub use error::InteriorError;
 pub use model::{Model, Part, Surface};
 pub use progress::{Progress, Stage};

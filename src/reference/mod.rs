@@ -4,6 +4,7 @@
 pub mod cell;
 pub mod contribution;
 pub mod guard;
+pub mod interior;
 pub mod occlusion;
 mod outcome;
 pub mod ray_cast;
