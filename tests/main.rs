@@ -31,6 +31,8 @@ mod contribution_app;
 mod data;
 #[path = "it/height_field.rs"]
 mod height_field;
+#[path = "it/interior.rs"]
+mod interior;
 #[path = "it/loader.rs"]
 mod loader;
 #[path = "it/occludee_meshes.rs"]
