@@ -57,11 +57,12 @@ const REACH: f64 = 1.2;
 const REACH_BEYOND: f64 = 0.1;
 /// The same for what has come into view since, of which nothing was measured.
 const REACH_AHEAD: f64 = 3.0;
-/// Farther than these where frames have moved so far, but for the first factor, and taken what was predicted, but for so
-/// much: then the model is right about such moves. Each frame this counts for less.
-const TRUSTS: f64 = 1.25;
+/// Farther than these where the model has been right, but for so much, of frames whose views differed by as much as that in
+/// all; each frame counts for less than the one after it.
 const AS_PREDICTED: f64 = 0.02;
 const TRUST_LASTS: f64 = 0.97;
+/// No frame shows more than this. Logarithm.
+const MOST_TURNED: f64 = 0.5;
 /// What is left of the model's memory when the machine has changed by more than this. Logarithm.
 const LEAP: f64 = 0.3;
 const AFTER_CHANGE: f64 = 0.7;
@@ -148,9 +149,9 @@ struct Frame {
     /// Share of its time that measured knobs left.
     left: f64,
     predicted_ms: Option<f64>,
-    /// By how much its steepest term differs from what the demand of the newest frame heard of would have left.
+    /// By how much its view differed from the one before, at the same demand: that of the term that differed most.
     /// Logarithm.
-    moved: f64,
+    turned: f64,
 }
 
 /// See the [module](self).
@@ -170,8 +171,12 @@ pub struct Controller {
     last_expected: Workload,
     last_bin: usize,
     since_jump: u32,
-    /// How far the demand may go as the model has been right about moves so far. Logarithm.
+    /// How far the demand may go as the model has been right about so many views. Only views count: what a change of
+    /// the demand did looks the same as what a change of the machine did that the demand answered. Logarithm.
     trusted: f64,
+    /// What the last frame's demand left of its view.
+    kept: Workload,
+    kept_bin: usize,
     /// Bin that the demand stands at.
     bin: usize,
     /// Level of the trim when a knob last moved. Logarithm.
@@ -407,6 +412,8 @@ impl Controller {
     }
 
     fn remember(&mut self, input: &Input, scaling: Workload, left: f64, predicted: Option<f64>) {
+        let turned = steepest(&self.kept, &input.profile.kept(self.kept_bin));
+        (self.kept, self.kept_bin) = (input.profile.kept(self.bin), self.bin);
         let expected = input.profile.kept(self.bin).scaled(&scaling);
         self.frames[input.frame as usize % IN_FLIGHT] = Frame {
             number: input.frame,
@@ -417,10 +424,7 @@ impl Controller {
             scaling,
             left,
             predicted_ms: predicted,
-            moved: steepest(
-                &input.profile.kept(self.last_bin),
-                &input.profile.kept(self.bin),
-            ),
+            turned,
         };
     }
 
@@ -456,13 +460,12 @@ impl Controller {
                 Some(predicted) => (ms / predicted).ln(),
                 None => 0.0,
             };
-            self.trusted *= TRUST_LASTS;
             // A time that was rounded up agrees with whatever is not far off.
-            if error.abs() <= AS_PREDICTED && input.quantum_ms.is_none() {
-                self.trusted = self.trusted.max(TRUSTS * frame.moved);
+            self.trusted = if error.abs() <= AS_PREDICTED && input.quantum_ms.is_none() {
+                TRUST_LASTS * self.trusted + frame.turned.min(MOST_TURNED)
             } else {
-                self.trusted = self.trusted.min(frame.moved / TRUSTS);
-            }
+                0.0
+            };
             let found = self
                 .trim
                 .push(&self.model, frame.number, frame.expected, full_ms, error);
