@@ -33,6 +33,8 @@ pub struct Outcome {
     pub lattice: Lattice,
     /// Points of it that are outside.
     pub outside_points: u64,
+    /// Whether steps to and fro were told apart, for surfaces that are seen through from behind.
+    pub is_one_sided: bool,
     /// How long each stage took, by [`Stage`].
     pub took: [Duration; 4],
 }
@@ -116,6 +118,7 @@ pub fn cull(
         parts,
         lattice: *lattice,
         outside_points: outside.count(),
+        is_one_sided: snapped.is_one_sided,
         took: clock.took,
     })
 }

@@ -122,6 +122,12 @@ impl Lattice {
         3f64.sqrt() * self.spacing * SPACINGS_IN_CELL
     }
 
+    /// Memory of the field and of what is outside, one bit a step and a point. units: bytes
+    pub fn bytes(&self, is_one_sided: bool) -> u64 {
+        let arrays = if is_one_sided { 7 } else { 4 };
+        (self.rows() * self.words * size_of::<u64>()) as u64 * arrays
+    }
+
     /// How many points there are.
     pub fn points(&self) -> u64 {
         self.size.iter().map(|side| u64::from(*side)).product()
