@@ -65,7 +65,9 @@ impl Lattice {
             Grid::Gap(gap) => return Err(InteriorError::Gap(gap)),
         };
         let allowed = u64::from(settings.memory_mib) << 20;
-        let needs = |cell: f64| Self::bytes_around((least, greatest), cell, one_sided) + extra;
+        let needs = |cell: f64| {
+            Self::bytes_around((least, greatest), cell, one_sided).saturating_add(extra)
+        };
         let fits = |cell: f64| longest / cell <= f64::from(MOST_CELLS) && needs(cell) <= allowed;
         if fits(cell) {
             return Ok(around(cell));
