@@ -2,6 +2,7 @@
 
 pub mod accuracy;
 pub mod glyphs;
+pub mod interior;
 pub mod plot;
 pub mod render;
 pub mod scenes;

@@ -148,7 +148,10 @@ pub(super) fn check(json: &mut Value) -> Result<(), ModelFileError> {
 
 /// A list in an object; empty if there is none.
 pub(super) fn list<'a>(value: &'a Value, key: &str) -> &'a [Value] {
-    value.get(key).and_then(Value::as_array).map_or(&[], |list| list)
+    value
+        .get(key)
+        .and_then(Value::as_array)
+        .map_or(&[], |list| list)
 }
 
 /// A list in an object, to change; empty if there is none.

@@ -227,7 +227,10 @@ impl Reader<'_> {
         let indices = primitive.get("indices").and_then(index);
         let key = (positions, indices, topology);
         let vertices = self.numbers.accessors[positions].count;
-        let each = attributes.as_object().into_iter().flat_map(|all| all.values());
+        let each = attributes
+            .as_object()
+            .into_iter()
+            .flat_map(|all| all.values());
         for attribute in each.filter_map(index) {
             if self.numbers.accessors[attribute].count != vertices {
                 let what = "its attributes are not all of as many vertices";
@@ -239,7 +242,8 @@ impl Reader<'_> {
         }
         let positions = self.positions(positions)?;
         let indices = self.indices(indices, vertices)?;
-        self.budget.take(topology.most(indices.len()), size_of::<[u32; 3]>())?;
+        self.budget
+            .take(topology.most(indices.len()), size_of::<[u32; 3]>())?;
         let triangles = topology.triangles(&indices);
         let surface = Arc::new(Surface {
             positions,
@@ -328,7 +332,9 @@ impl Look {
         };
         let look = |material: usize| {
             looks.get(material).copied().ok_or_else(|| {
-                ModelFileError::Broken(format!("a mesh is of a material {material} that is not there"))
+                ModelFileError::Broken(format!(
+                    "a mesh is of a material {material} that is not there"
+                ))
             })
         };
         let mut all = match count(primitive, "material")? {

@@ -29,7 +29,11 @@ pub(super) fn sweep(
     let unknown = Unknown::of(json);
     if unknown.names.is_empty() {
         let is_kept = kept_nodes(json, hidden);
-        drop_from(json, &[("scenes", "nodes"), ("nodes", "children")], &is_kept);
+        drop_from(
+            json,
+            &[("scenes", "nodes"), ("nodes", "children")],
+            &is_kept,
+        );
         shorten(json, List::Nodes, &is_kept);
     }
     let is_kept = used(json, List::Meshes, &unknown);
