@@ -96,7 +96,9 @@ pub(super) fn pack(
         views.push(entry);
         packed.bytes.extend_from_slice(&view.bytes);
     }
-    packed.bytes.resize(packed.bytes.len().next_multiple_of(ALIGNMENT), 0);
+    packed
+        .bytes
+        .resize(packed.bytes.len().next_multiple_of(ALIGNMENT), 0);
     if let Some(json) = json.as_object_mut() {
         let all = json
             .entry("bufferViews")
@@ -205,7 +207,10 @@ fn follow(
     for (accessor, _) in accessors.filter(|(_, is_kept)| **is_kept) {
         move_offset(accessor, stretches)?;
         for part in ["indices", "values"] {
-            if let Some(part) = accessor.get_mut("sparse").and_then(|sparse| sparse.get_mut(part)) {
+            if let Some(part) = accessor
+                .get_mut("sparse")
+                .and_then(|sparse| sparse.get_mut(part))
+            {
                 move_offset(part, stretches)?;
             }
         }
