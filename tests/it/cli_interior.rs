@@ -399,12 +399,11 @@ fn all_ways_to_store_triangles_are_understood() {
         let mesh = model.boxes("both", &[([0.0; 3], 0.25), ([0.0; 3], 1.0)]);
         model.node(json!({ "mesh": mesh }), true);
         let places = |model: &Glb| -> Vec<_> {
-            let corner = |corner: &String| corner.split("] ").next().unwrap_or("").to_owned();
-            let mut all: Vec<Vec<String>> = model
+            let mut all: Vec<_> = model
                 .drawn()
                 .iter()
                 .map(|(_, corners)| {
-                    let mut corners: Vec<_> = corners.iter().map(corner).collect();
+                    let mut corners = corners.map(|(place, _)| place);
                     corners.sort();
                     corners
                 })
@@ -609,6 +608,38 @@ fn other_scenes_stay_whole() {
     assert_eq!(after.names("nodes"), ["shell", "core", "other"]);
     assert_eq!(printed["removed_nodes"], 0);
     assert_eq!(after.json["scenes"], model.json["scenes"]);
+}
+
+/// A check that cannot fail is none.
+#[test]
+fn the_checks_find_what_is_wrong() {
+    let fails =
+        |check: &dyn Fn()| std::panic::catch_unwind(std::panic::AssertUnwindSafe(check)).is_err();
+    let model = nested();
+    assert!(!fails(&|| model.check()) && !fails(&|| model.check_tidy()));
+    let wrongs: [fn(&mut Glb); 6] = [
+        |model| model.bin[3] ^= 1,
+        |model| model.json["accessors"][2]["count"] = 99.into(),
+        |model| model.json["accessors"][1]["count"] = 7.into(),
+        |model| model.json["accessors"][0]["byteOffset"] = 2.into(),
+        |model| model.json["nodes"][1]["mesh"] = 2.into(),
+        |model| {
+            let indices = &model.json["bufferViews"][2]["byteOffset"];
+            let at = indices.as_u64().expect("a number") as usize;
+            model.bin[at] = 8;
+        },
+    ];
+    for (number, wrong) in wrongs.iter().enumerate() {
+        let mut model = model.clone();
+        wrong(&mut model);
+        assert!(fails(&|| model.check()), "{number}");
+    }
+    let mut moved = model.clone();
+    moved.json["nodes"][1]["translation"] = json!([0, 0, 0.01]);
+    assert!(fails(&|| _ = assert_part_of(&moved, &model)));
+    let mut untidy = model.clone();
+    untidy.floats("VEC3", &[0.0; 3]);
+    assert!(!fails(&|| untidy.check()) && fails(&|| untidy.check_tidy()));
 }
 
 /// Real models: all rules are kept, and nothing is drawn that was not.

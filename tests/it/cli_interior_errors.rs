@@ -150,6 +150,17 @@ fn a_model_can_be_trimmed_in_place() {
     }
 }
 
+/// A mesh of zeros that lie nowhere.
+fn make_huge(json: &mut Value, count: u64) {
+    for accessor in [0, 1, 2] {
+        let accessor = &mut json["accessors"][accessor];
+        accessor["count"] = count.into();
+        if let Some(accessor) = accessor.as_object_mut() {
+            accessor.remove("bufferView");
+        }
+    }
+}
+
 /// A change to a model's JSON, and what the message must name.
 type Wrong = (fn(&mut Value), &'static str);
 
@@ -274,17 +285,9 @@ fn bad_models_are_told_in_one_line_and_exit_code_two() {
             |json| json["accessors"][0]["byteOffset"] = (u64::MAX - 3).into(),
             "accessor 0 reaches",
         ),
-        (
-            |json| {
-                for accessor in [0, 1, 2] {
-                    json["accessors"][accessor]["count"] = 4_000_000_000u64.into();
-                    if let Some(accessor) = json["accessors"][accessor].as_object_mut() {
-                        accessor.remove("bufferView");
-                    }
-                }
-            },
-            "--memory-mib",
-        ),
+        (|json| make_huge(json, 4_000_000_000), "--memory-mib"),
+        (|json| make_huge(json, 1 << 61), "--memory-mib"),
+        (|json| make_huge(json, u64::MAX), "--memory-mib"),
         (
             |json| {
                 json["accessors"][0]["sparse"] = json!({ "count": 1,
@@ -293,7 +296,6 @@ fn bad_models_are_told_in_one_line_and_exit_code_two() {
             },
             "sparse",
         ),
-        (|json| json["accessors"][2]["count"] = 71.into(), ""),
         (
             |json| json["bufferViews"][0]["byteLength"] = 1e9.into(),
             "view 0",
@@ -335,9 +337,6 @@ fn bad_models_are_told_in_one_line_and_exit_code_two() {
         ),
     ];
     for (number, (change, names)) in wrongs.iter().enumerate() {
-        if names.is_empty() {
-            continue;
-        }
         let mut model = model();
         change(&mut model.json);
         model.save(&input);

@@ -45,6 +45,9 @@ pub fn boxes_of(boxes: &[([f32; 3], f32)]) -> (Vec<[f32; 3]>, Vec<u32>) {
     (positions, indices)
 }
 
+/// A triangle: its material, and of each corner the place in the scene (in 1/100,000) and the bits of its normal.
+pub type Drawn = (Option<u64>, [([i64; 3], [u32; 3]); 3]);
+
 impl Glb {
     pub fn new() -> Self {
         let json = json!({
@@ -176,7 +179,8 @@ impl Glb {
         if !bytes.starts_with(b"glTF") {
             let json: Value = serde_json::from_slice(&bytes).expect("JSON");
             let uri = json["buffers"][0]["uri"].as_str().expect("a file");
-            let bin = std::fs::read(path.with_file_name(uri.replace("%20", " "))).expect("the buffer is there");
+            let bin = std::fs::read(path.with_file_name(uri.replace("%20", " ")))
+                .expect("the buffer is there");
             return Self { json, bin };
         }
         let word =
@@ -279,8 +283,8 @@ impl Glb {
         triangles
     }
 
-    /// What the default scene draws: material, and of three corners the place in the scene and the normal; in order.
-    pub fn drawn(&self) -> Vec<(String, Vec<String>)> {
+    /// What the default scene draws, in order.
+    pub fn drawn(&self) -> Vec<Drawn> {
         let mut drawn = Vec::new();
         let roots = self.json["scenes"][0]["nodes"].as_array();
         let number = |value: &Value| value.as_u64().expect("a number") as usize;
@@ -307,13 +311,16 @@ impl Glb {
                     let corner = |index: usize| {
                         let at = &positions[index];
                         let at = world.transform_point3(DVec3::new(at[0], at[1], at[2]));
-                        let normal = normals.as_ref().map(|normals| &normals[index]);
-                        format!("{:.5?} {normal:?}", at.to_array().map(|x| x + 0.0))
+                        let place = at.to_array().map(|x| (x * 1e5).round() as i64);
+                        let normal = normals.as_ref().map_or([0; 3], |normals| {
+                            std::array::from_fn(|i| (normals[index][i] as f32).to_bits())
+                        });
+                        (place, normal)
                     };
-                    let mut corners = triangle.map(corner).to_vec();
-                    let first = (0..3).min_by_key(|i| corners[*i].clone()).unwrap_or(0);
+                    let mut corners = triangle.map(corner);
+                    let first = (0..3).min_by_key(|i| corners[*i]).unwrap_or(0);
                     corners.rotate_left(first);
-                    drawn.push((primitive["material"].to_string(), corners));
+                    drawn.push((primitive["material"].as_u64(), corners));
                 }
             }
         }
