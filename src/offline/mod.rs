@@ -1,4 +1,5 @@
-//! Bevy without a window, driven frame by frame: what the `skyline` command and the tests stand on.
+//! Bevy without a window, driven frame by frame: what the `skyline` command and the tests stand on. [`interior`] needs
+//! no Bevy at all: it takes what is hidden out of a model's file.
 
 pub mod accuracy;
 pub mod glyphs;

@@ -125,8 +125,9 @@ pub(super) struct Sparse {
 }
 
 impl Accessor {
-    /// From its first byte to its last, in its view. units: bytes
+    /// From its first byte to its last, in its view, if it has any. units: bytes
     pub(super) fn span(&self) -> Option<core::ops::Range<usize>> {
+        self.view?;
         let last = self.count.checked_sub(1)?;
         Some(self.offset..self.offset + last * self.stride + self.size)
     }

@@ -168,6 +168,9 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), ModelFileError> {
 }
 
 fn check_version(json: &Value) -> Result<(), ModelFileError> {
+    if !json.is_object() {
+        return Err(ModelFileError::Json("it is no object".into()));
+    }
     let asset = json.get("asset");
     let version = asset.and_then(|asset| asset.get("version"));
     match version.and_then(Value::as_str) {

@@ -97,9 +97,6 @@ fn walk(value: &mut Value, path: &[&str], found: &mut impl FnMut(&mut Value)) {
 
 /// Checks that everything refers to something, and that lists are lists of objects; what follows counts on that.
 pub(super) fn check(json: &mut Value) -> Result<(), ModelFileError> {
-    if !json.is_object() {
-        return Err(ModelFileError::Json("it is no object".into()));
-    }
     for key in [
         "scenes",
         "nodes",

@@ -167,7 +167,7 @@ pub fn trim(
     .map_err(&wrong)?;
     let bytes_before = container.bytes + beside_bytes;
     let most = bytes_before + fresh.bytes() + (u64::from(settings.memory_mib) << 20);
-    let bin = sweep::sweep(json, &numbers, &edited.hidden, &fresh, most)
+    let bin = sweep::sweep(json, &numbers, &edited.hidden, &mut fresh, most)
         .and_then(|bin| bin.ok_or_else(|| budget.exceeded()))
         .map_err(&wrong)?;
     let bytes_after = save::save(json, &bin, input, &to, &container.beside)?;

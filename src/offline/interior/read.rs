@@ -72,17 +72,21 @@ impl Topology {
     }
 
     /// In the order of glTF 2.0, §3.7.2.1; strips and fans without those that are only there to join others.
-    fn triangles(self, indices: &[u32]) -> Vec<[u32; 3]> {
-        let joins = |[a, b, c]: &[u32; 3]| a == b || b == c || c == a;
-        let rest = |from: usize| (from..indices.len()).map(move |at| at - from);
+    fn triangles(self, indices: &[u32], positions: &[[f32; 3]]) -> Vec<[u32; 3]> {
+        let joins = |triangle: &[u32; 3]| {
+            let [a, b, c] = triangle.map(|index| positions[index as usize]);
+            a == b || b == c || c == a
+        };
+        let starts = 0..indices.len().saturating_sub(2);
+        let pick = |three: [usize; 3]| three.map(|at| indices[at]);
         match self {
             Self::List => indices.as_chunks().0.to_vec(),
-            Self::Strip => rest(2)
-                .map(|i| [i, i + 1 + i % 2, i + 2 - i % 2].map(|at| indices[at]))
+            Self::Strip => starts
+                .map(|i| pick([i, i + 1 + i % 2, i + 2 - i % 2]))
                 .filter(|triangle| !joins(triangle))
                 .collect(),
-            Self::Fan => rest(2)
-                .map(|i| [i + 1, i + 2, 0].map(|at| indices[at]))
+            Self::Fan => starts
+                .map(|i| pick([i + 1, i + 2, 0]))
                 .filter(|triangle| !joins(triangle))
                 .collect(),
         }
@@ -244,7 +248,7 @@ impl Reader<'_> {
         let indices = self.indices(indices, vertices)?;
         self.budget
             .take(topology.most(indices.len()), size_of::<[u32; 3]>())?;
-        let triangles = topology.triangles(&indices);
+        let triangles = topology.triangles(&indices, &positions);
         let surface = Arc::new(Surface {
             positions,
             triangles,
