@@ -200,7 +200,10 @@ impl Scene {
         views
             .map(|from| {
                 self.look(from);
-                self.step();
+                // The first frames draw nothing yet.
+                for _ in 0..3 {
+                    self.step();
+                }
                 self.picture()
             })
             .into()
@@ -673,7 +676,7 @@ fn what_goes_wrong_is_said_with_the_remedy() {
         memory_mib: 1,
         ..grid(Grid::Resolution(3000))
     });
-    scene.until("MiB are allowed");
+    scene.until("are allowed; allow as much");
     scene.world().entity_mut(root).insert(settings());
     scene.until("0 of 1 nodes and 0 of 12 triangles are hidden");
     if let Some(mut place) = scene.world().get_mut::<Transform>(hull) {

@@ -12,6 +12,7 @@ use super::{
     slice::Slice,
     store::{Content, Found, Store},
     walk::{Ground, Walk},
+    watch::{AboveQuery, is_shown},
     work::{Input, InputPart, Output, Work},
 };
 use crate::render_graph::trimmed::MeshUploads;
@@ -28,7 +29,7 @@ enum Next {
 pub fn advance_models(
     mut models: ResMut<InteriorModels>,
     nodes: Query<NodeQuery>,
-    shown: Query<&InheritedVisibility>,
+    above: Query<AboveQuery>,
     mut meshes: ResMut<Assets<Mesh>>,
     materials: Res<Assets<StandardMaterial>>,
     mut commands: Commands,
@@ -43,7 +44,6 @@ pub fn advance_models(
         ..
     } = models;
     for job in jobs.values_mut() {
-        let is_root_shown = shown.get(job.root).is_ok_and(|shown| shown.get());
         loop {
             let next = match &mut job.step {
                 Step::Still(frames) if *frames > 0 => {
@@ -60,7 +60,7 @@ pub fn advance_models(
                         nodes: &nodes,
                         meshes: &meshes,
                         materials: &materials,
-                        is_root_shown,
+                        is_root_shown: is_shown(job.root, &above),
                     };
                     if walk.run(job, &ground, &mut commands, &slice) {
                         job.step = walk.finish(job, &ground, &mut commands);

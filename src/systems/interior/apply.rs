@@ -85,13 +85,11 @@ fn restore(
     others: &Query<&InheritedVisibility, Without<PartOf>>,
     commands: &mut Commands,
 ) {
-    let mut has_changed = false;
     for part in &mut job.parts {
         let shown = core::mem::replace(&mut part.shown, Shown::AsItWas);
         let Some(node) = job.nodes.get(part.node as usize) else {
             continue;
         };
-        has_changed |= shown != Shown::AsItWas;
         match shown {
             Shown::AsItWas => {}
             // What is above comes first.
@@ -105,9 +103,7 @@ fn restore(
             }
         }
     }
-    if has_changed {
-        commands.entity(job.root).try_remove::<InteriorCounts>();
-    }
+    commands.entity(job.root).try_remove::<InteriorCounts>();
 }
 
 /// As Bevy would have it.

@@ -21,8 +21,28 @@ pub struct RootQuery {
     root: Entity,
     settings: Ref<'static, InteriorCulling>,
     place: Option<Ref<'static, GlobalTransform>>,
-    shown: Option<&'static InheritedVisibility>,
     layers: Option<&'static RenderLayers>,
+}
+
+/// What is looked at of what is above.
+#[derive(QueryData)]
+pub struct AboveQuery {
+    child_of: Option<&'static ChildOf>,
+    part: Option<&'static PartOf>,
+    visibility: Option<&'static Visibility>,
+}
+
+/// Whether a root is shown in this frame; its `InheritedVisibility` is still of the last.
+pub(super) fn is_shown(root: Entity, above: &Query<AboveQuery>) -> bool {
+    let mut entity = root;
+    while let Ok(item) = above.get(entity) {
+        match (item.visibility, item.child_of) {
+            (Some(Visibility::Hidden), _) => return false,
+            (Some(Visibility::Inherited), Some(child_of)) => entity = child_of.parent(),
+            _ => break,
+        }
+    }
+    true
 }
 
 /// Takes up the models that begin to ask for it or ask for something else, and lets go of those that don't any more.
@@ -30,7 +50,7 @@ pub fn follow_roots(
     mut models: ResMut<InteriorModels>,
     roots: Query<RootQuery>,
     mut removed: RemovedComponents<InteriorCulling>,
-    above: Query<(Option<&ChildOf>, Option<&PartOf>)>,
+    above: Query<AboveQuery>,
     mut commands: Commands,
 ) {
     let models = &mut *models;
@@ -46,7 +66,6 @@ pub fn follow_roots(
         root,
         settings,
         place,
-        shown,
         layers,
     } in &roots
     {
@@ -79,10 +98,9 @@ pub fn follow_roots(
             job.layers = layers;
             job.is_disturbed = true;
         }
-        let is_shown = shown.is_none_or(|shown| shown.get());
         if job
             .depends_on_root
-            .is_some_and(|was_shown| was_shown != is_shown)
+            .is_some_and(|was_shown| was_shown != is_shown(root, &above))
         {
             job.is_disturbed = true;
         }
@@ -90,20 +108,16 @@ pub fn follow_roots(
 }
 
 /// A model inside another's hierarchy came or went.
-fn disturb_above(
-    root: Entity,
-    models: &mut InteriorModels,
-    above: &Query<(Option<&ChildOf>, Option<&PartOf>)>,
-) {
+fn disturb_above(root: Entity, models: &mut InteriorModels, above: &Query<AboveQuery>) {
     let mut entity = root;
-    while let Ok((child_of, part)) = above.get(entity) {
-        if let Some(part) = part.filter(|part| part.root != root) {
+    while let Ok(item) = above.get(entity) {
+        if let Some(part) = item.part.filter(|part| part.root != root) {
             if let Some(job) = models.job_of(part) {
                 job.is_disturbed = true;
             }
             break;
         }
-        let Some(child_of) = child_of else {
+        let Some(child_of) = item.child_of else {
             break;
         };
         entity = child_of.parent();
