@@ -29,6 +29,8 @@ pub enum Effect {
     ZBufferOcclusion,
     /// Contribution culling (P4).
     ContributionCulling,
+    /// Interior culling (P5a).
+    InteriorCulling,
     /// The frame budget that moves the others' knobs (P4 and beyond).
     FrameBudget,
 }
@@ -87,6 +89,11 @@ impl Effects {
     /// State of contribution culling.
     pub fn contribution(&self) -> &EffectState {
         self.state(Effect::ContributionCulling)
+    }
+
+    /// State of interior culling.
+    pub fn interior(&self) -> &EffectState {
+        self.state(Effect::InteriorCulling)
     }
 
     /// State of the frame budget.

@@ -35,7 +35,7 @@
 //! | [`contribution`] | contribution culling: component, screen areas, which objects go first |
 //! | [`budget`] | the frame budget: measuring, model, controller, knobs |
 //! | [`occlusion`] | Z-buffer occlusion culling: component, volumes, verdicts, what a game sees of it |
-//! | [`interior`] | interior culling: what of a model is seen from outside |
+//! | [`interior`] | interior culling: what of a model is seen from outside; its component |
 //! | [`resolution`] | resolution scale: the main passes draw fewer pixels |
 //! | `panel` | a panel over the picture: frame times, effects, knobs, what accuracy costs (feature `panel`) |
 //! | `offline` | what the `skyline` command does: pictures, maps, models, scenes, measurements (feature `cli`) |
@@ -77,13 +77,17 @@ pub mod prelude {
         contribution::{ContributionCounts, ContributionCulling, Exit, NoContributionCulling},
         culling::{CullReason, CullSystems, CulledEntities, Culling},
         effects::{Activity, Effect, EffectState, Effects},
+        interior::{
+            Faces, Grid, InteriorCounts, InteriorCulling, Level, Mode, NoInteriorCulling,
+            Transparent,
+        },
         occlusion::{
             NoOcclusionCulling, OccludeeVolume, OcclusionCounts, Recheck, Sampling,
             ZBufferOcclusion,
         },
         plugin::{
-            BudgetPlugin, ContributionPlugin, EffectsPlugin, OcclusionPlugin, ResolutionPlugin,
-            SkylinePlugins, TerrainPlugin,
+            BudgetPlugin, ContributionPlugin, EffectsPlugin, InteriorPlugin, OcclusionPlugin,
+            ResolutionPlugin, SkylinePlugins, TerrainPlugin,
         },
         resolution::ResolutionScale,
         terrain::{

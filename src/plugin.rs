@@ -8,6 +8,7 @@
 //! | [`ContributionPlugin`] | [`ContributionCulling`](crate::contribution::ContributionCulling), [`NoContributionCulling`](crate::contribution::NoContributionCulling) | `measure_areas`, `cull_small`, `fade_small`, `forget_small` in `PostUpdate`, in [`CullSteps::Contribution`](crate::culling::CullSteps); `report_contribution` in `Last` | see [`render_graph::contribution`] |
 //! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `cull_occluded`, `forget_occluded` in `PostUpdate`, in [`CullSteps::Occlusion`](crate::culling::CullSteps); `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
 //! | both | – | `build_mesh_volumes`, `update_candidates` in `PostUpdate`, in [`CullSteps::Candidates`](crate::culling::CullSteps) after `CheckVisibility` | – |
+//! | [`InteriorPlugin`] | [`InteriorCulling`](crate::interior::InteriorCulling), [`NoInteriorCulling`](crate::interior::NoInteriorCulling) | `follow_roots`, `watch_parts`, `restore_parts`, `advance_models`, `hide_parts` in `PostUpdate`, in [`InteriorSystems`](systems::interior::InteriorSystems), then `keep_hidden` before `CheckVisibility`; `report_interior` in `Last` | `note_uploads`, see [`render_graph`] |
 //! | [`ResolutionPlugin`] | [`ResolutionScale`](crate::resolution::ResolutionScale) | – | see [`render_graph::upscale`](mod@crate::render_graph::upscale) |
 //! | [`BudgetPlugin`] | [`FrameBudget`](crate::budget::FrameBudget), [`WorkloadPolicy`](crate::budget::WorkloadPolicy) | `wake` each frame; where asked for: `begin` and the knobs in `First`, `choose` or `follow_policy` in [`ContributionSteps::Choose`](crate::contribution::ContributionSteps), `note_drawn` after [`CullSystems`](crate::culling::CullSystems), `end` in `Last`; `report_budget` in `Last` | its time, see [`budget::measure`] |
 //! | `PanelPlugin` (feature `panel`; not in the group) | – | while the panel is open: `draw_panel` in `PostUpdate`, `gather` in `Last` | `bevy_egui`'s pass |
@@ -20,7 +21,7 @@ use bevy::{app::PluginGroupBuilder, prelude::*};
 use crate::{
     budget, contribution,
     effects::Effects,
-    occlusion,
+    interior, occlusion,
     render_graph::{
         self, contribution::ContributionStats, occlusion::OcclusionStats, stats::TerrainStats,
     },
@@ -35,6 +36,7 @@ use crate::{
 /// | [`TerrainPlugin`] | ray-cast terrain and its shadows |
 /// | [`ContributionPlugin`] | what covers too little of the picture is not drawn |
 /// | [`OcclusionPlugin`] | what the depth buffer hides is not drawn |
+/// | [`InteriorPlugin`] | what of a model cannot be seen from outside is not drawn |
 /// | [`ResolutionPlugin`] | the main passes draw fewer pixels |
 /// | [`BudgetPlugin`] | frame time is held by moving the others' knobs |
 pub struct SkylinePlugins;
@@ -46,6 +48,7 @@ impl PluginGroup for SkylinePlugins {
             .add(TerrainPlugin)
             .add(ContributionPlugin)
             .add(OcclusionPlugin)
+            .add(InteriorPlugin)
             .add(ResolutionPlugin)
             .add(BudgetPlugin)
     }
@@ -152,6 +155,26 @@ impl Plugin for OcclusionPlugin {
 
     fn finish(&self, app: &mut App) {
         render_graph::occlusion::add_occlusion_passes(app);
+    }
+}
+
+/// Interior culling (P5a).
+pub struct InteriorPlugin;
+
+impl Plugin for InteriorPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<EffectsPlugin>() {
+            app.add_plugins(EffectsPlugin);
+        }
+        interior::register(app);
+        app.add_systems(
+            Last,
+            systems::interior::report::report_interior.in_set(ReportSystems),
+        );
+    }
+
+    fn finish(&self, app: &mut App) {
+        systems::interior::finish(app);
     }
 }
 

@@ -42,6 +42,9 @@ mod glb;
 mod height_field;
 #[path = "it/interior.rs"]
 mod interior;
+#[cfg(feature = "cli")]
+#[path = "it/interior_app.rs"]
+mod interior_app;
 #[path = "it/loader.rs"]
 mod loader;
 #[path = "it/occludee_meshes.rs"]

@@ -9,6 +9,9 @@ use bevy::prelude::*;
 pub enum CullReason {
     /// It, or something above it in the hierarchy, has `Visibility::Hidden`.
     Hidden,
+    /// It cannot be seen from anywhere outside the model that it is part of:
+    /// [`InteriorCulling`](crate::interior::InteriorCulling).
+    Interior,
     /// It shares no render layer with the camera.
     Layers,
     /// It is out of view, or out of its `VisibilityRange`.

@@ -9,6 +9,7 @@ use bevy::{
 };
 
 use super::culled::{CullReason, CulledEntities};
+use crate::systems::interior::models::PartOf;
 
 /// Which meshes are seen by which camera, and why the others are not. Ask in systems that run after
 /// [`CullSystems`](super::CullSystems), or anywhere for the answer of the frame before.
@@ -43,6 +44,7 @@ pub struct Culling<'w, 's> {
         (
             Option<&'static InheritedVisibility>,
             Option<&'static RenderLayers>,
+            Option<&'static PartOf>,
         ),
     >,
 }
@@ -61,12 +63,15 @@ impl Culling<'_, '_> {
     /// Why a camera does not see a mesh; `None` if it does, if it is no camera, or if the entity is gone.
     pub fn reason(&self, camera: Entity, mesh: Entity) -> Option<CullReason> {
         let (_, visible, culled, layers) = self.cameras.get(camera).ok()?;
-        let (inherited, own_layers) = self.entities.get(mesh).ok()?;
+        let (inherited, own_layers, part) = self.entities.get(mesh).ok()?;
         if let Some(reason) = culled.and_then(|culled| culled.reason(mesh)) {
             return Some(reason);
         }
         if is_visible(visible, mesh) {
             return None;
+        }
+        if part.is_some_and(PartOf::is_hidden) {
+            return Some(CullReason::Interior);
         }
         if inherited.is_none_or(|inherited| !inherited.get()) {
             return Some(CullReason::Hidden);

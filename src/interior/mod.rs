@@ -33,6 +33,7 @@
 //! face: a closed model is the same as if it were two-sided, an open one keeps what shows through the back of its faces.
 //! The proof above covers the surfaces that are two-sided; for what is seen through one-sided ones there are tests.
 
+mod app;
 mod cull;
 mod error;
 pub(crate) mod extract;
@@ -44,6 +45,8 @@ pub mod overlap;
 mod progress;
 mod settings;
 
+pub(crate) use app::register;
+pub use app::{InteriorCounts, NoInteriorCulling};
 pub use cull::{Outcome, Verdict, cull, distance_field};
 pub use error::InteriorError;
 pub use model::{Model, Part, Surface};

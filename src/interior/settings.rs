@@ -2,10 +2,40 @@
 
 use bevy::prelude::*;
 
-/// On the root of a model: what cannot be seen from anywhere outside it is taken out.
+/// On the root of a model, a spawned glTF scene for instance: what cannot be seen from anywhere outside it is taken out.
+/// See [what is guaranteed](super#what-is-guaranteed) of what is seen.
 ///
-/// Once everything below it has loaded, what is hidden is found in the background; then hidden nodes are hidden and
-/// hidden triangles are left out of meshes. With the component gone, everything is as it was.
+/// Once everything below it has loaded and is still, what is hidden is found in the background, on a thread of the lowest
+/// priority; then hidden entities are hidden, and hidden triangles left out of meshes. A mesh that several of its
+/// entities share is trimmed to what is seen in any of them, and still shared. How it stands is said by
+/// [`Effects::interior`](crate::effects::Effects::interior), what it took out by [`InteriorCounts`](super::InteriorCounts).
+/// With the component gone, everything is as it was, and nothing is held.
+///
+/// # What it takes for a wall
+/// Entities with a `StandardMaterial` of [`AlphaMode::Opaque`] that transmits no light; from its front alone if it has a
+/// `cull_mode`. Other materials of its kind are taken out where they cannot be seen, and hide nothing. Left alone, and no
+/// walls either, is what may be drawn elsewhere than its triangles say or not from everywhere: other materials, skins,
+/// morph targets, a `depth_bias`, a `VisibilityRange`, other `RenderLayers` than the root's, what `Visibility` hides, and
+/// [`NoInteriorCulling`](super::NoInteriorCulling). Left alone for another reason are meshes that cannot be read, as they
+/// are in the render world only. [`Effects`](crate::effects::Effects) counts them.
+///
+/// # When something changes
+/// A part that moves, comes, goes, is hidden or shown, or gets another mesh or material can uncover what is hidden: then
+/// all is restored in that very frame, and done again when the model has been left alone for eight frames; for twice as
+/// many each time it was in vain, up to 256. What was found is remembered for models that are the same. The root itself
+/// may move, and be hidden and shown, as it likes. Parts that move all the time are to have
+/// [`NoInteriorCulling`](super::NoInteriorCulling).
+///
+/// # Limits
+/// - It is for eyes *outside*: a camera that goes into the model finds holes. So does a light in it: what it shines at
+///   from behind walls may be lit, as the walls' inner sides are taken out.
+/// - What moves parts in `PostUpdate` after `TransformSystems::Propagate` is answered a frame late.
+/// - `Mesh3d` of a part is another handle while the part is trimmed: whoever takes a part's mesh for a collider takes it
+///   before, and a clone of a trimmed part stays trimmed. Original meshes are kept for when they are wanted again, so
+///   that GPU memory grows by the trimmed ones. Meshes of triangle strips are not trimmed.
+/// - A mesh is handed to the renderer whole: a trimmed one of millions of triangles holds up the frame in which Bevy
+///   uploads it, as the original did.
+/// - A model within another, with its own `InteriorCulling`, is not part of the outer one.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct InteriorCulling {

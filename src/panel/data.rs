@@ -99,10 +99,11 @@ pub struct EffectRow {
 }
 
 /// Every effect, in the panel's order.
-const EFFECTS: [Effect; 5] = [
+const EFFECTS: [Effect; 6] = [
     Effect::FrameBudget,
     Effect::ContributionCulling,
     Effect::ZBufferOcclusion,
+    Effect::InteriorCulling,
     Effect::Terrain,
     Effect::TerrainShadow,
 ];
@@ -115,6 +116,7 @@ impl EffectRow {
             Effect::FrameBudget => "Frame budget",
             Effect::ContributionCulling => "Contribution culling",
             Effect::ZBufferOcclusion => "Z-buffer occlusion",
+            Effect::InteriorCulling => "Interior culling",
             Effect::Terrain => "Terrain ray casting",
             Effect::TerrainShadow => "Terrain shadow",
         }

@@ -4,6 +4,7 @@ pub mod budget;
 pub mod candidates;
 pub mod contribution;
 pub mod contribution_fade;
+pub mod interior;
 pub mod occlusion;
 pub mod terrain;
 pub mod terrain_shadow;

@@ -1,0 +1,38 @@
+//! What interior culling is inside an app: what users see of it, and its registration.
+
+use bevy::prelude::*;
+
+use super::settings::InteriorCulling;
+use crate::systems::interior as systems;
+
+/// On an entity below a model's [`InteriorCulling`]: it and all below it are left alone. They are not hidden and not
+/// trimmed, and do not count as walls: what only they hide is seen. For doors, lids and wheels, and whatever moves.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct NoInteriorCulling;
+
+/// What interior culling has taken out of a model; on its root while something is.
+///
+/// A node is an entity with a mesh. Those that are left alone are not counted.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct InteriorCounts {
+    /// Nodes looked at.
+    pub nodes: u32,
+    /// Of these, hidden.
+    pub hidden_nodes: u32,
+    /// Triangles of the nodes looked at.
+    pub triangles: u64,
+    /// Of these, not drawn: in hidden nodes, or left out of meshes.
+    pub hidden_triangles: u64,
+    /// What is seen through openings this wide stays. units: of the root's own space, in Bevy m
+    pub gap: f32,
+}
+
+/// Registers types, resources and main-world systems.
+pub(crate) fn register(app: &mut App) {
+    app.register_type::<InteriorCulling>()
+        .register_type::<NoInteriorCulling>()
+        .register_type::<InteriorCounts>();
+    systems::register(app);
+}

@@ -1,0 +1,117 @@
+//! Main-world side of interior culling: from a hierarchy of loaded meshes to hidden nodes and trimmed meshes, without
+//! holding up a frame.
+//!
+//! | Step | Where | On the main thread |
+//! |---|---|---|
+//! | the model is looked through until all is loaded and still | [`walk`], [`node`] | in slices |
+//! | positions and indices are copied | [`gather`] | in slices |
+//! | it is culled, and what of each mesh stays is worked out | [`work`] | – |
+//! | trimmed meshes are made of what stays | [`build`] | in slices |
+//! | nodes are hidden, trimmed meshes shown | [`apply`] | in slices |
+//! | whatever could uncover something is noticed, and all restored | [`watch`], [`apply`] | in the very frame |
+//!
+//! A slice is a millisecond a frame, all models together; one model at a time is copied and worked on. Nothing is read
+//! out of a mesh in one go, as one of a million triangles takes longer than a frame to copy.
+//!
+//! What is found is kept for models that are the same ([`store`]) while any model asks for interior culling, and trimmed
+//! meshes while they are shown. With the last [`InteriorCulling`] nothing is held.
+
+pub mod advance;
+pub mod apply;
+mod build;
+mod gather;
+pub mod models;
+pub mod node;
+pub mod report;
+mod slice;
+mod store;
+mod walk;
+pub mod watch;
+mod work;
+
+use bevy::{
+    asset::AssetEventSystems, camera::visibility::VisibilitySystems, ecs::system::SystemParam,
+    prelude::*,
+};
+
+use crate::interior::InteriorCulling;
+use models::InteriorModels;
+
+/// What follows the models and hides what is hidden in them; in `PostUpdate`. What moves parts or changes meshes comes
+/// before it, or is a frame late.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct InteriorSystems;
+
+/// What models are made of.
+#[derive(SystemParam)]
+pub struct Assetry<'w> {
+    meshes: Option<Res<'w, Assets<Mesh>>>,
+    materials: Option<Res<'w, Assets<StandardMaterial>>>,
+}
+
+impl Assetry<'_> {
+    /// Why nothing can be culled in this app.
+    pub fn missing(&self) -> Option<&'static str> {
+        if self.meshes.is_none() {
+            Some("the app has no meshes: add Bevy's MeshPlugin")
+        } else if self.materials.is_none() {
+            Some(
+                "the app has no StandardMaterial to tell walls from windows by: add Bevy's PbrPlugin",
+            )
+        } else {
+            None
+        }
+    }
+}
+
+/// Whether there is anything to do: nothing below is run, looked at or held otherwise.
+fn is_asked_for(
+    roots: Query<(), With<InteriorCulling>>,
+    models: Res<InteriorModels>,
+    assets: Assetry,
+) -> bool {
+    (!roots.is_empty() || !models.is_empty()) && assets.missing().is_none()
+}
+
+pub(crate) fn register(app: &mut App) {
+    app.init_resource::<InteriorModels>()
+        .configure_sets(PostUpdate, InteriorSystems.run_if(is_asked_for))
+        .add_systems(
+            PostUpdate,
+            (
+                watch::follow_roots,
+                watch::watch_parts,
+                apply::restore_parts,
+                advance::advance_models,
+                apply::hide_parts,
+            )
+                // What one finds out the next answers. Components that one inserts the others need only later.
+                .chain_ignore_deferred()
+                .in_set(InteriorSystems)
+                // Animation and physics have moved what they move.
+                .after(TransformSystems::Propagate)
+                // Edits are heard of in the frame in which the renderer hears of them.
+                .after(AssetEventSystems)
+                // What is restored or trimmed has its bounds and its visibility in this frame.
+                .before(VisibilitySystems::CalculateBounds)
+                .before(VisibilitySystems::VisibilityPropagate),
+        )
+        .add_systems(
+            PostUpdate,
+            apply::keep_hidden
+                .run_if(is_asked_for)
+                // It has the last word on what is hidden.
+                .after(VisibilitySystems::VisibilityPropagate)
+                // Which asks it.
+                .before(VisibilitySystems::CheckVisibility),
+        );
+}
+
+/// The render world's side, once it is there.
+pub(crate) fn finish(app: &mut App) {
+    let Some(models) = app.world().get_resource::<InteriorModels>() else {
+        return;
+    };
+    let uploads = models.uploads.clone();
+    crate::render_graph::trimmed::add(app, &uploads);
+}
