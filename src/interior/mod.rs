@@ -38,14 +38,16 @@ mod error;
 pub(crate) mod extract;
 pub mod field;
 pub mod front;
+pub mod gpu;
 pub mod lattice;
 mod model;
 pub mod overlap;
 mod progress;
 mod settings;
 
-pub use cull::{Outcome, Verdict, cull, distance_field};
+pub use cull::{Outcome, Verdict, cull, cull_on, distance_field};
 pub use error::InteriorError;
+pub use gpu::{FieldDevice, FieldOrigin, InteriorGpu, InteriorGpuError};
 pub use model::{Model, Part, Surface};
 pub use progress::{Progress, Stage};
 pub use settings::{Faces, Grid, InteriorCulling, Level, Mode, Transparent};
