@@ -31,6 +31,9 @@ mod contribution_app;
 mod data;
 #[path = "it/height_field.rs"]
 mod height_field;
+#[cfg(feature = "cli")]
+#[path = "it/interior_field.rs"]
+mod interior_field;
 #[path = "it/loader.rs"]
 mod loader;
 #[path = "it/occludee_meshes.rs"]

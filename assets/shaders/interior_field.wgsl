@@ -159,8 +159,8 @@ struct Edges {
     greatest: Wide3,
 }
 
-/// From the corners' coordinates in the plane, those of the piece's first point in units, and the normal of the triangle
-/// along the axis, thrice: along an edge's normal, that is how far the corner across from the edge is from the edge.
+/// From the corners' coordinates in the plane, those of the piece's first point in units, and the normal of the
+/// triangle along the axis, thrice: along an edge's normal, that is how far the corner across from the edge is from the edge.
 fn edges_across(j: vec3<i32>, k: vec3<i32>, origin: vec2<i32>, normal: Wide3) -> Edges {
     let normal_j = k - k.yzx;
     let normal_k = j.yzx - j;

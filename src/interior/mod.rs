@@ -5,7 +5,7 @@
 //!    the spacing, so that everything after is integer arithmetic, the same on every device.
 //! 2. **Directed distance field** ([`field`]). P5a stores for each point the distance to the first surface in six
 //!    directions, and then asks of each whether it exceeds the spacing. That answer is all that is kept: one bit for each
-//!    step from a point to a neighbour, set if a surface is in the way.
+//!    step from a point to a neighbour, set if a surface is in the way. On the CPU or the GPU ([`gpu`]), with the same bits.
 //! 3. **Front propagation** ([`front`]). From the outermost points, step by step where nothing is in the way: the points
 //!    that are *outside*.
 //! 4. **Extraction** ([`extract`]). [`Mode::Sampled`]: the surfaces that are met first on a step from an outside point to

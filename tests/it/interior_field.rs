@@ -34,7 +34,8 @@ impl Gpu {
         let offline = crate::device()?;
         let world = offline.app.world();
         let device = world.resource::<RenderDevice>().wgpu_device().clone();
-        let queue = (***world.resource::<RenderQueue>()).clone();
+        let queue: &wgpu::Queue = world.resource::<RenderQueue>();
+        let queue = queue.clone();
         Some(Self {
             _offline: offline,
             device,
@@ -236,7 +237,7 @@ fn the_bits_of_each_triangle_are_the_cpus() {
 }
 
 /// Up to the largest coordinates there are, in two axes at a time. In all three, the bits of the lattice would take
-/// 24 GiB: see [`pieces_of_the_hugest_triangles_are_exact`].
+/// 24 GiB: see `pieces_of_the_hugest_triangles_are_exact`.
 #[test]
 fn the_bits_of_huge_triangles_are_the_cpus() {
     let Some(gpu) = Gpu::new() else { return };
@@ -420,7 +421,10 @@ fn pieces_of_the_hugest_triangles_are_exact() {
     assert!(found(INTERIOR_FIELD_WGSL) == expected);
     for (constant, other) in [
         ("const SEAL: i32 = 16;", "const SEAL: i32 = 15;"),
-        ("const HALF_ALONG: i32 = 144;", "const HALF_ALONG: i32 = 145;"),
+        (
+            "const HALF_ALONG: i32 = 144;",
+            "const HALF_ALONG: i32 = 145;",
+        ),
     ] {
         let perturbed = INTERIOR_FIELD_WGSL.replace(constant, other);
         assert_ne!(perturbed, INTERIOR_FIELD_WGSL);
@@ -495,8 +499,8 @@ fn wide_twin(a: [i64; 3], b: [i64; 3]) -> [u32; 46] {
     all.try_into().expect("46 words")
 }
 
-/// Runs an entry point over so many invocations, with buffers at bindings from 0 on and, at the next, one of zeros of so
-/// many words, which comes back.
+/// Runs an entry point over so many invocations, with buffers at bindings from 0 on and, at the next, one of zeros of
+/// so many words, which comes back.
 fn dispatch(
     gpu: &Gpu,
     source: &str,
