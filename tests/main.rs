@@ -31,6 +31,8 @@ mod contribution_app;
 mod data;
 #[path = "it/height_field.rs"]
 mod height_field;
+#[path = "it/interior.rs"]
+mod interior;
 #[cfg(feature = "cli")]
 #[path = "it/interior_field.rs"]
 mod interior_field;

@@ -19,7 +19,7 @@ use super::{
     knob::{Knob, KnobCost},
     ladder::{Ladder, Move, Situation},
     model::CostModel,
-    trim::{Found, Trim},
+    trim::{FIRST_SCATTER, Found, Trim},
     workload::{DemandProfile, Workload},
 };
 use crate::contribution::rank::NEVER_GOES;
@@ -57,6 +57,12 @@ const REACH: f64 = 1.2;
 const REACH_BEYOND: f64 = 0.1;
 /// The same for what has come into view since, of which nothing was measured.
 const REACH_AHEAD: f64 = 3.0;
+/// Farther than these where the model has been right, but for so much, of frames whose views differed by as much as that in
+/// all; each frame counts for less than the one after it.
+const AS_PREDICTED: f64 = 0.02;
+const TRUST_LASTS: f64 = 0.97;
+/// No frame shows more than this. Logarithm.
+const MOST_TURNED: f64 = 0.5;
 /// What is left of the model's memory when the machine has changed by more than this. Logarithm.
 const LEAP: f64 = 0.3;
 const AFTER_CHANGE: f64 = 0.7;
@@ -143,6 +149,9 @@ struct Frame {
     /// Share of its time that measured knobs left.
     left: f64,
     predicted_ms: Option<f64>,
+    /// By how much its view differed from the one before, at the same demand: that of the term that differed most.
+    /// Logarithm.
+    turned: f64,
 }
 
 /// See the [module](self).
@@ -162,6 +171,12 @@ pub struct Controller {
     last_expected: Workload,
     last_bin: usize,
     since_jump: u32,
+    /// How far the demand may go as the model has been right about so many views. Only views count: what a change of
+    /// the demand did looks the same as what a change of the machine did that the demand answered. Logarithm.
+    trusted: f64,
+    /// What the last frame's demand left of its view.
+    kept: Workload,
+    kept_bin: usize,
     /// Bin that the demand stands at.
     bin: usize,
     /// Level of the trim when a knob last moved. Logarithm.
@@ -255,7 +270,11 @@ impl Controller {
         scaling: Workload,
         left: f64,
     ) -> Decision {
-        let scatter = self.trim.scatter();
+        // Rounding hides it.
+        let scatter = match input.quantum_ms {
+            Some(_) => self.trim.scatter().max(FIRST_SCATTER),
+            None => self.trim.scatter(),
+        };
         let target = whole_quanta(f64::from(input.target_ms), input.quantum_ms);
         let margin = (DEVIATIONS * scatter).clamp(LEAST_MARGIN, MOST_MARGIN);
         let aim = target * (1.0 - margin);
@@ -303,7 +322,9 @@ impl Controller {
                 let back = (aim / heard).ln().abs();
                 let ahead = (heard / time(from, &scaling, left)).ln().abs();
                 let allowed = (back * reach).min(back + REACH_BEYOND) + ahead * REACH_AHEAD;
-                let wanted = within_reach(profile, from, wanted, allowed);
+                let allowed = allowed.max(self.trusted);
+                let is_near = |bin| steepest(&profile.kept(from), &profile.kept(bin)) <= allowed;
+                let wanted = within_reach(from, wanted, is_near);
                 let kept = self.bin.min(limit);
                 let off = time(kept, &scaling, left) - aim;
                 let is_close = off <= stays && -off <= stays.max(STAYS_BELOW * target);
@@ -391,6 +412,8 @@ impl Controller {
     }
 
     fn remember(&mut self, input: &Input, scaling: Workload, left: f64, predicted: Option<f64>) {
+        let turned = steepest(&self.kept, &input.profile.kept(self.kept_bin));
+        (self.kept, self.kept_bin) = (input.profile.kept(self.bin), self.bin);
         let expected = input.profile.kept(self.bin).scaled(&scaling);
         self.frames[input.frame as usize % IN_FLIGHT] = Frame {
             number: input.frame,
@@ -401,6 +424,7 @@ impl Controller {
             scaling,
             left,
             predicted_ms: predicted,
+            turned,
         };
     }
 
@@ -435,6 +459,12 @@ impl Controller {
             let error = match frame.predicted_ms {
                 Some(predicted) => (ms / predicted).ln(),
                 None => 0.0,
+            };
+            // A time that was rounded up agrees with whatever is not far off.
+            self.trusted = if error.abs() <= AS_PREDICTED && input.quantum_ms.is_none() {
+                TRUST_LASTS * self.trusted + frame.turned.min(MOST_TURNED)
+            } else {
+                0.0
             };
             let found = self
                 .trim
@@ -496,24 +526,21 @@ fn is_jump(before: &Workload, now: &Workload) -> bool {
     pairs.into_iter().any(|(a, b)| a.max(b) > JUMP * a.min(b))
 }
 
-/// The bin nearest to `wanted`, coming from `from`, at which no term of the work has changed by more than is
-/// `allowed`. Logarithm. A frame's time is a sum of terms with costs that are not negative: it changes no more than
-/// the term that changes most. So, whatever the model has wrong about which term costs what, an error that was
-/// measured is at most [`REACH`] − 1 times as large in the frame that answers it, and never beyond the aim by more than
-/// [`REACH_BEYOND`]: a reach below 2 makes it die away.
-fn within_reach(profile: &DemandProfile, from: usize, wanted: usize, allowed: f64) -> usize {
-    if !allowed.is_finite() {
-        return wanted;
-    }
-    let before = profile.kept(from);
-    let is_near = |bin: usize| {
-        let (a, b) = (before.terms(), profile.kept(bin).terms());
-        (1..a.len()).all(|i| {
-            // What is not there does not change; what comes from nothing or goes to nothing does so without bound.
-            let change = (b[i] / a[i]).ln().abs();
-            change.is_nan() || change <= allowed
-        })
-    };
+/// By how much the term of the work that changes most does. Logarithm. A frame's time is a sum of terms with costs that
+/// are not negative: it changes by no more. So, whatever the model has wrong about which term costs what, an error that
+/// was measured is at most [`REACH`] − 1 times as large in the frame that answers it, and never beyond the aim by more
+/// than [`REACH_BEYOND`]: a reach below 2 makes it die away.
+fn steepest(before: &Workload, after: &Workload) -> f64 {
+    let pairs = before.terms().into_iter().zip(after.terms()).skip(1);
+    pairs
+        .map(|(a, b)| (b / a).ln().abs())
+        // What is not there does not change; what comes from nothing or goes to nothing does so without bound.
+        .filter(|change| !change.is_nan())
+        .fold(0.0, f64::max)
+}
+
+/// The bin nearest to `wanted`, coming from `from`, that is near enough.
+fn within_reach(from: usize, wanted: usize, is_near: impl Fn(usize) -> bool) -> usize {
     let (mut near, mut far) = (from, wanted);
     if is_near(far) {
         return far;

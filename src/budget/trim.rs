@@ -14,8 +14,11 @@ const LENGTH: usize = 32;
 const NEWEST: usize = 4;
 /// How much the scatter remembers from one frame to the next.
 const MEMORY: f64 = 0.99;
-/// Scatter that is assumed before there is any, and at least. Relative.
-const FIRST_SCATTER: f64 = 0.03;
+/// Scatter that is assumed before there is any, as if so many frames had shown it; and at least. Relative.
+pub(super) const FIRST_SCATTER: f64 = 0.03;
+const FIRST_FRAMES: f64 = 16.0;
+/// Samples of the model below which nothing is said of the scatter.
+const YOUNG: f64 = 8.0;
 const LEAST_SCATTER: f64 = 0.002;
 /// The standard deviation of the mean of the middle two of four, in that of one. Normal distribution.
 const OF_NEWEST: f64 = 0.55;
@@ -45,6 +48,8 @@ pub struct Trim {
     known: usize,
     level: f64,
     variance: f64,
+    /// Frames that the variance is of, those assumed included, as far as they are remembered.
+    frames: f64,
 }
 
 impl Default for Trim {
@@ -56,6 +61,7 @@ impl Default for Trim {
             known: 0,
             level: 0.0,
             variance: FIRST_SCATTER * FIRST_SCATTER,
+            frames: FIRST_FRAMES,
         }
     }
 }
@@ -108,7 +114,11 @@ impl Trim {
             // A single frame far off says nothing of the others.
             let most = 3.0 * scatter;
             let error = error.clamp(-most, most);
-            self.variance = MEMORY * self.variance + (1.0 - MEMORY) * error * error;
+            // What the first frames are off by is what the model has yet to learn.
+            if model.samples() > YOUNG {
+                self.frames = MEMORY * self.frames + 1.0;
+                self.variance += (error * error - self.variance) / self.frames;
+            }
             return Found::Same;
         }
         // Of a leap two frames are enough, and older ones are of before; what creeps needs more to be told from noise.

@@ -36,6 +36,8 @@ pub struct Outcome {
     pub outside_points: u64,
     /// Where the directed distance field was made.
     pub field_origin: FieldOrigin,
+    /// Whether steps to and fro were told apart, for surfaces that are seen through from behind.
+    pub is_one_sided: bool,
     /// How long each stage took, by [`Stage`].
     pub took: [Duration; 4],
 }
@@ -141,6 +143,7 @@ pub fn cull_on(
         lattice: *lattice,
         outside_points: outside.count(),
         field_origin,
+        is_one_sided: snapped.is_one_sided,
         took: clock.took,
     })
 }

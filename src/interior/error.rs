@@ -17,7 +17,7 @@ pub enum InteriorError {
         node: u32,
     },
     /// The grid is none.
-    #[error("a grid of {0} cells is none; ask for 1 to 4000 on the longest side")]
+    #[error("a grid of {0} cells is none; ask for 1 to 3500 on the longest side")]
     Resolution(u32),
     /// The gap is none.
     #[error("a gap of {0} is none; ask for a finite one above 0")]

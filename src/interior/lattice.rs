@@ -65,7 +65,9 @@ impl Lattice {
             Grid::Gap(gap) => return Err(InteriorError::Gap(gap)),
         };
         let allowed = u64::from(settings.memory_mib) << 20;
-        let needs = |cell: f64| Self::bytes_around((least, greatest), cell, one_sided) + extra;
+        let needs = |cell: f64| {
+            Self::bytes_around((least, greatest), cell, one_sided).saturating_add(extra)
+        };
         let fits = |cell: f64| longest / cell <= f64::from(MOST_CELLS) && needs(cell) <= allowed;
         if fits(cell) {
             return Ok(around(cell));
@@ -120,6 +122,12 @@ impl Lattice {
     /// What is seen through openings this wide stays. units: of the model's frame
     pub fn gap(&self) -> f64 {
         3f64.sqrt() * self.spacing * SPACINGS_IN_CELL
+    }
+
+    /// Memory of the field and of what is outside, one bit a step and a point. units: bytes
+    pub fn bytes(&self, is_one_sided: bool) -> u64 {
+        let arrays = if is_one_sided { 7 } else { 4 };
+        (self.rows() * self.words * size_of::<u64>()) as u64 * arrays
     }
 
     /// How many points there are.

@@ -151,11 +151,7 @@ pub fn distance(point: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
         };
         (point - from - along * t).length()
     };
-    let (va, vb, vc) = (
-        d3 * d6 - d5 * d4,
-        d5 * d2 - d1 * d6,
-        d1 * d4 - d3 * d2,
-    );
+    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
     let whole = va + vb + vc;
     if va > 0.0 && vb > 0.0 && vc > 0.0 && whole > 0.0 {
         return (ap - ab * (vb / whole) - ac * (vc / whole)).length();

@@ -78,7 +78,11 @@ fn cube(half: f32) -> Surface {
 /// The same seen from inside.
 fn inside_out(surface: Surface) -> Surface {
     Surface {
-        triangles: surface.triangles.iter().map(|[a, b, c]| [*a, *c, *b]).collect(),
+        triangles: surface
+            .triangles
+            .iter()
+            .map(|[a, b, c]| [*a, *c, *b])
+            .collect(),
         ..surface
     }
 }
@@ -197,7 +201,11 @@ impl Dice {
 }
 
 /// What a ray meets first, as (part, triangle): from both sides, or from where it is drawn.
-fn first_hit(triangles: &[(usize, usize, [DVec3; 3], bool)], from: DVec3, way: DVec3) -> Option<(usize, usize)> {
+fn first_hit(
+    triangles: &[(usize, usize, [DVec3; 3], bool)],
+    from: DVec3,
+    way: DVec3,
+) -> Option<(usize, usize)> {
     let mut first = (f64::INFINITY, None);
     for (part, number, [a, b, c], is_two_sided) in triangles {
         let (u, v) = (*b - *a, *c - *a);
@@ -335,12 +343,16 @@ fn a_twin_of_another_model_is_told_from_ours() {
 #[test]
 fn the_front_comes_to_the_points_that_the_twin_comes_to() {
     // Rows shorter and longer than a word, and of one word or two exactly.
-    for (round, resolution) in [5, 20, 51, 52, 53, 56, 70, 108, 109, 120].into_iter().enumerate() {
+    for (round, resolution) in [5, 20, 51, 52, 53, 56, 70, 108, 109, 120]
+        .into_iter()
+        .enumerate()
+    {
         let mut dice = Dice(round as u64);
         let sides = [1.0, 0.4, 0.3];
         let shape = DAffine3::from_scale(DVec3::from_array(sides));
         let shells = (0..3).map(|_| {
-            let turned = DAffine3::from_quat(dice.turn()) * DAffine3::from_scale(DVec3::splat(0.3 + 0.3 * dice.roll()));
+            let turned = DAffine3::from_quat(dice.turn())
+                * DAffine3::from_scale(DVec3::splat(0.3 + 0.3 * dice.roll()));
             placed(part(cube(1.0)), shape * turned)
         });
         let mut parts: Vec<_> = shells.collect();
@@ -382,8 +394,7 @@ fn what_is_near_is_what_the_twin_says() {
         let outside =
             front::propagate(&lattice, &field, &Progress::default()).expect("not stopped");
         for triangle in twin::triangles(&model, &settings, &lattice) {
-            let points =
-                twin::points(&lattice).filter(|point| outside.contains(&lattice, *point));
+            let points = twin::points(&lattice).filter(|point| outside.contains(&lattice, *point));
             let (part, number) = triangle.number;
             if let Some(theirs) = twin::is_near(&triangle, points) {
                 assert_eq!(outcome.parts[part].is_seen(number), theirs, "{triangle:?}");
@@ -487,11 +498,11 @@ fn what_a_ball_touches_in_a_room_stays_when_it_gets_in_and_the_room_is_hidden_wh
         // A cell is 1/40 of the longest side, which turning lengthens.
         let turned = DAffine3::from_quat(dice.turn());
         let with_slit = |slit: f64| {
-            let mut model = model([
-                room_with_slit(1.0, slit as f32),
-                two_sided(part(cube(0.5))),
-            ]);
-            model.parts.iter_mut().for_each(|part| part.model_from_local = turned);
+            let mut model = model([room_with_slit(1.0, slit as f32), two_sided(part(cube(0.5)))]);
+            model
+                .parts
+                .iter_mut()
+                .for_each(|part| part.model_from_local = turned);
             model
         };
         let lattice = culled(&with_slit(0.0), &at(resolution)).lattice;
@@ -549,7 +560,10 @@ fn parts_that_touch_close_each_other() {
     for resolution in [16, 33, 100] {
         let turned = DAffine3::from_quat(dice.turn());
         let mut closed = parts(two_sided(part(lid.clone())));
-        closed.parts.iter_mut().for_each(|part| part.model_from_local = turned);
+        closed
+            .parts
+            .iter_mut()
+            .for_each(|part| part.model_from_local = turned);
         assert_eq!(culled(&closed, &at(resolution)).parts[2], Verdict::Hidden);
         // Lifted by a hundredth of a spacing it still closes.
         let spacing = culled(&closed, &at(resolution)).lattice.spacing;
@@ -593,10 +607,18 @@ fn a_wall_of_slivers_and_huge_triangles_is_a_wall() {
 #[test]
 fn a_plane_without_thickness_stays_and_hides_what_is_below_it_from_nobody() {
     let plane = Surface {
-        positions: vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]],
+        positions: vec![
+            [-1.0, 0.0, -1.0],
+            [1.0, 0.0, -1.0],
+            [1.0, 0.0, 1.0],
+            [-1.0, 0.0, 1.0],
+        ],
         triangles: vec![[0, 2, 1], [0, 3, 2]],
     };
-    let model = model([part(plane), placed(part(cube(0.1)), DAffine3::from_translation(DVec3::NEG_Y))]);
+    let model = model([
+        part(plane),
+        placed(part(cube(0.1)), DAffine3::from_translation(DVec3::NEG_Y)),
+    ]);
     for mode in [Mode::Conservative, Mode::Sampled] {
         let outcome = culled(&model, &InteriorCulling { mode, ..at(32) });
         match mode {
@@ -659,8 +681,13 @@ fn what_is_seen_through_the_back_of_one_sided_faces_stays() {
     for round in 0..10 {
         let turned = DAffine3::from_quat(dice.turn());
         // A shell that shows its inside only: from outside, all of the inner box and the shell's far side are seen.
-        let mut room = model([part(inside_out(cube(1.0))), part(cube(0.3 + 0.04 * round as f32))]);
-        room.parts.iter_mut().for_each(|part| part.model_from_local = turned);
+        let mut room = model([
+            part(inside_out(cube(1.0))),
+            part(cube(0.3 + 0.04 * round as f32)),
+        ]);
+        room.parts
+            .iter_mut()
+            .for_each(|part| part.model_from_local = turned);
         let outcome = culled(&room, &at(24 + 7 * round));
         assert_seen_stays(&room, &outcome);
         assert_eq!(outcome.parts, [Verdict::Seen, Verdict::Seen]);
@@ -680,13 +707,19 @@ fn transparent_parts_are_open_or_closed_as_is_asked() {
     };
     let model = model([glass, part(cube(0.4)), part(cube(0.2))]);
     let outcome = culled(&model, &at(64));
-    assert_eq!(outcome.parts, [Verdict::Seen, Verdict::Seen, Verdict::Hidden]);
+    assert_eq!(
+        outcome.parts,
+        [Verdict::Seen, Verdict::Seen, Verdict::Hidden]
+    );
     let closed = InteriorCulling {
         transparent: Transparent::Closed,
         ..at(64)
     };
     let outcome = culled(&model, &closed);
-    assert_eq!(outcome.parts, [Verdict::Seen, Verdict::Hidden, Verdict::Hidden]);
+    assert_eq!(
+        outcome.parts,
+        [Verdict::Seen, Verdict::Hidden, Verdict::Hidden]
+    );
 }
 
 #[test]
@@ -754,7 +787,10 @@ fn a_node_stays_whole_when_any_of_it_is_seen() {
         ..at(64)
     };
     let outcome = culled(&model, &settings);
-    assert_eq!(outcome.parts, [Verdict::Seen, Verdict::Seen, Verdict::Hidden]);
+    assert_eq!(
+        outcome.parts,
+        [Verdict::Seen, Verdict::Seen, Verdict::Hidden]
+    );
 }
 
 #[test]
@@ -792,7 +828,10 @@ fn what_cannot_be_culled_says_why_and_what_would_help() {
     let refused = |model: &Model, settings: &InteriorCulling| {
         cull(model, settings, crew(), &Progress::default()).expect_err("it cannot be culled")
     };
-    assert_eq!(refused(&Model::default(), &at(10)), InteriorError::NoTriangles);
+    assert_eq!(
+        refused(&Model::default(), &at(10)),
+        InteriorError::NoTriangles
+    );
     let mut nowhere = cube(1.0);
     nowhere.positions[3][1] = f32::NAN;
     let nowhere = model([part(cube(1.0)), part(nowhere)]);
@@ -802,7 +841,10 @@ fn what_cannot_be_culled_says_why_and_what_would_help() {
     );
     let cube = model([part(cube(1.0))]);
     assert_eq!(refused(&cube, &at(0)), InteriorError::Resolution(0));
-    assert_eq!(refused(&cube, &at(100_000)), InteriorError::Resolution(100_000));
+    assert_eq!(
+        refused(&cube, &at(100_000)),
+        InteriorError::Resolution(100_000)
+    );
     for gap in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         let settings = InteriorCulling {
             grid: Grid::Gap(gap),
@@ -826,7 +868,10 @@ fn what_cannot_be_culled_says_why_and_what_would_help() {
     };
     // What is named fits, and is the finest that does.
     let fits = |grid| {
-        let settings = InteriorCulling { grid, ..fine.clone() };
+        let settings = InteriorCulling {
+            grid,
+            ..fine.clone()
+        };
         distance_field(&cube, &settings, crew(), &Progress::default()).is_ok()
     };
     assert!(fits(Grid::Gap(smallest_gap as f32 * 1.000_001)));

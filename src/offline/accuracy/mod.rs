@@ -4,6 +4,8 @@
 pub mod budget;
 pub mod contribution;
 mod difference;
+pub mod interior;
+mod lot;
 pub mod occlusion;
 mod report;
 pub mod scene;
@@ -36,6 +38,12 @@ pub enum AccuracyError {
     /// The scene could not be made.
     #[error(transparent)]
     Scene(#[from] super::scenes::SceneError),
+    /// A model could not be read.
+    #[error(transparent)]
+    Model(#[from] super::interior::TrimError),
+    /// A model could not be culled.
+    #[error(transparent)]
+    Interior(crate::interior::InteriorError),
     /// A workload could not be measured.
     #[error(transparent)]
     Workload(#[from] super::workload::WorkloadError),
@@ -53,7 +61,11 @@ impl AccuracyError {
         match self {
             Self::Render(error) => error.is_input(),
             Self::Workload(error) => error.is_input(),
-            Self::Report(_) | Self::Plot(_) | Self::Scene(_) => true,
+            Self::Report(_)
+            | Self::Plot(_)
+            | Self::Scene(_)
+            | Self::Model(_)
+            | Self::Interior(_) => true,
             Self::Field(_) => false,
         }
     }

@@ -14,7 +14,7 @@ use bevy::{math::UVec2, platform::time::Instant, prelude::*};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::{AccuracyError, Report, Summary, Timing};
+use super::{AccuracyError, Report, Summary, Timing, lot::Lot};
 use crate::{
     offline::{
         render::{Clock, Sun},
@@ -148,21 +148,6 @@ pub struct ShadowError {
     pub penumbra_texels: Option<usize>,
     /// Share of the light that all texels see on average.
     pub lit_fraction: f64,
-}
-
-/// Numbers drawn by lot, the same ones each time (splitmix64; Steele, Lea and Flood 2014).
-struct Lot(u64);
-
-impl Lot {
-    fn texel(&mut self, size: UVec2) -> UVec2 {
-        let mut below = |n: u32| {
-            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((x ^ (x >> 31)) % u64::from(n)) as u32
-        };
-        UVec2::new(below(size.x), below(size.y))
-    }
 }
 
 /// Verdicts on texels drawn by lot.
