@@ -25,8 +25,9 @@ use super::{
     piece::Piece,
 };
 
-/// Pieces of a submission.
-pub(super) const PIECES: usize = 32_768;
+/// Pieces of a submission: few, so that a frame that is drawn meanwhile does not wait long for it. At worst, six million
+/// boxes.
+pub(super) const PIECES: usize = 8_192;
 /// Invocations of a workgroup.
 pub(super) const PIECES_IN_GROUP: usize = 64;
 /// Submissions that the GPU may have before it when it gets another: enough to keep it busy while the next is made.
