@@ -38,7 +38,7 @@
 //! | [`interior`] | interior culling: what of a model is seen from outside |
 //! | [`resolution`] | resolution scale: the main passes draw fewer pixels |
 //! | `panel` | a panel over the picture: frame times, effects, knobs, what accuracy costs (feature `panel`) |
-//! | `offline` | what the `skyline` command does: pictures, maps, scenes, measurements (feature `cli`) |
+//! | `offline` | what the `skyline` command does: pictures, maps, models, scenes, measurements (feature `cli`) |
 //! | [`systems`] | main-world systems |
 //! | [`render_graph`] | the passes and their order |
 //! | [`mod@reference`] | `f64` twins that GPU results are compared with |

@@ -14,6 +14,12 @@ mod budget_model;
 #[path = "it/cli.rs"]
 mod cli;
 #[cfg(feature = "cli")]
+#[path = "it/cli_interior.rs"]
+mod cli_interior;
+#[cfg(feature = "cli")]
+#[path = "it/cli_interior_errors.rs"]
+mod cli_interior_errors;
+#[cfg(feature = "cli")]
 #[path = "it/cli_occlusion.rs"]
 mod cli_occlusion;
 #[cfg(feature = "cli")]
@@ -29,6 +35,9 @@ mod contribution;
 mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
+#[cfg(feature = "cli")]
+#[path = "it/glb.rs"]
+mod glb;
 #[path = "it/height_field.rs"]
 mod height_field;
 #[path = "it/interior.rs"]

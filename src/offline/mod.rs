@@ -1,7 +1,9 @@
-//! Bevy without a window, driven frame by frame: what the `skyline` command and the tests stand on.
+//! Bevy without a window, driven frame by frame: what the `skyline` command and the tests stand on. [`interior`] needs
+//! no Bevy at all: it takes what is hidden out of a model's file.
 
 pub mod accuracy;
 pub mod glyphs;
+pub mod interior;
 pub mod plot;
 pub mod render;
 pub mod scenes;

@@ -3,7 +3,7 @@
 
 use std::{num::NonZero, sync::Arc};
 
-use bevy::math::{DAffine3, DMat3, DQuat, DVec3};
+use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy_skyline::{
     interior::{
         Faces, Grid, InteriorCulling, InteriorError, Level, Mode, Model, Outcome, Part, Progress,

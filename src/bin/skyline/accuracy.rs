@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use bevy_skyline::offline::accuracy::{
-    AccuracyError, budget, contribution, occlusion, scene::mountains, shadow, terrain,
+    AccuracyError, budget, contribution, interior, occlusion, scene::mountains, shadow, terrain,
 };
 use clap::{Args, ValueEnum};
 
@@ -26,9 +26,10 @@ pub(crate) struct AccuracyArgs {
     heightmap: Option<PathBuf>,
     #[command(flatten)]
     scale: HeightMapArgs,
-    /// Triangle mesh (.obj) that occlusion is measured with; else a shape made by code.
-    #[arg(long, value_name = "F.obj")]
-    model: Option<PathBuf>,
+    /// Triangle mesh (.obj) that occlusion is measured with, else a shape made by code; models (.glb or .gltf, once for
+    /// each) that interior is measured on, besides a machine made by code.
+    #[arg(long, value_name = "F")]
+    model: Vec<PathBuf>,
     /// City (.glb, a node and mesh a building) that occlusion, contribution and budget are measured in; else one made
     /// by code.
     #[arg(long, value_name = "F.glb")]
@@ -64,6 +65,8 @@ pub(crate) enum AccuracyEffect {
     Contribution,
     /// The frame budget, against P4's baselines.
     Budget,
+    /// Interior culling (P5a).
+    Interior,
 }
 
 pub(crate) fn run(args: &AccuracyArgs) -> Result<(), CliError> {
@@ -71,10 +74,11 @@ pub(crate) fn run(args: &AccuracyArgs) -> Result<(), CliError> {
         AccuracyEffect::Occlusion => return run_occlusion(args),
         AccuracyEffect::Contribution => return run_contribution(args),
         AccuracyEffect::Budget => return run_budget(args),
+        AccuracyEffect::Interior => return run_interior(args),
         AccuracyEffect::Terrain => false,
         AccuracyEffect::Shadow => true,
     };
-    let of_occlusion = args.model.is_some()
+    let of_occlusion = !args.model.is_empty()
         || args.city.is_some()
         || !args.scenes.is_empty()
         || args.path_frames.is_some()
@@ -178,6 +182,11 @@ fn run_budget(args: &AccuracyArgs) -> Result<(), CliError> {
 
 fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
     refuse_field(args, "occlusion takes --city and --model")?;
+    if args.model.len() > 1 {
+        return Err(CliError::Usage(
+            "occlusion is measured with one --model at a time".into(),
+        ));
+    }
     let base = if args.quick {
         occlusion::Plan::quick()
     } else {
@@ -190,7 +199,7 @@ fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
     };
     let plan = occlusion::Plan {
         scenes,
-        model: args.model.clone(),
+        model: args.model.first().cloned(),
         city: args.city.clone(),
         path_frames: args.path_frames.unwrap_or(base.path_frames),
         rounds: args.rounds.map_or(base.rounds, |rounds| rounds as usize),
@@ -198,6 +207,32 @@ fn run_occlusion(args: &AccuracyArgs) -> Result<(), CliError> {
         ..base
     };
     print_json(&occlusion::measure(&plan, &args.out)?);
+    Ok(())
+}
+
+fn run_interior(args: &AccuracyArgs) -> Result<(), CliError> {
+    refuse_field(args, "interior takes --model")?;
+    let of_cities = args.city.is_some()
+        || !args.scenes.is_empty()
+        || args.path_frames.is_some()
+        || args.few_settings;
+    if of_cities {
+        return Err(CliError::Usage(
+            "--city, --scenes, --path-frames and --few-settings are for what is measured in a city: interior takes --model and --rounds"
+                .into(),
+        ));
+    }
+    let base = if args.quick {
+        interior::Plan::quick()
+    } else {
+        interior::Plan::full()
+    };
+    let plan = interior::Plan {
+        models: args.model.clone(),
+        rounds: args.rounds.map_or(base.rounds, |rounds| rounds as usize),
+        ..base
+    };
+    print_json(&interior::measure(&plan, &args.out)?);
     Ok(())
 }
 
@@ -216,7 +251,7 @@ fn refuse_field(args: &AccuracyArgs, takes: &str) -> Result<(), CliError> {
 
 /// What is measured in a furnished city takes no more of occlusion's flags than these.
 fn refuse_occlusion(args: &AccuracyArgs, effect: &str) -> Result<(), CliError> {
-    if args.model.is_some() || !args.scenes.is_empty() || args.few_settings {
+    if !args.model.is_empty() || !args.scenes.is_empty() || args.few_settings {
         return Err(CliError::Usage(format!(
             "--model, --scenes and --few-settings are for occlusion: {effect} takes a --city"
         )));

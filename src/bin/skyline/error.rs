@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use bevy_skyline::{
     offline::{
-        accuracy::AccuracyError, render::RenderError, shadow_map::MapError, workload::WorkloadError,
+        accuracy::AccuracyError, interior::TrimError, render::RenderError, shadow_map::MapError,
+        workload::WorkloadError,
     },
     terrain::HeightFieldLoadError,
 };
@@ -29,6 +30,8 @@ pub(crate) enum CliError {
     Render(#[from] RenderError),
     #[error(transparent)]
     Map(#[from] MapError),
+    #[error(transparent)]
+    Interior(#[from] TrimError),
     #[error(transparent)]
     Accuracy(#[from] AccuracyError),
     #[error(transparent)]

@@ -24,7 +24,12 @@ pub(crate) struct InteriorArgs {
     #[arg(value_name = "IN.glb")]
     model: PathBuf,
     /// Cells on the model's longest side: 1 to 3500 [default: 256].
-    #[arg(long, value_name = "N", conflicts_with = "gap", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        conflicts_with = "gap",
+        allow_hyphen_values = true
+    )]
     resolution: Option<u32>,
     /// What is seen through openings this wide stays; in the model's units.
     #[arg(long, value_name = "M", value_parser = positive, allow_hyphen_values = true)]
@@ -114,7 +119,9 @@ impl InteriorArgs {
     }
 
     fn threads(&self) -> NonZero<usize> {
-        let asked = self.threads.and_then(|threads| NonZero::new(threads as usize));
+        let asked = self
+            .threads
+            .and_then(|threads| NonZero::new(threads as usize));
         asked
             .or_else(|| std::thread::available_parallelism().ok())
             .unwrap_or(NonZero::<usize>::MIN)

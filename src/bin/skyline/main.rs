@@ -3,7 +3,7 @@
 //!
 //! | File | What |
 //! |---|---|
-//! | `render.rs`, `shadow.rs`, `accuracy.rs`, `workload.rs` | the commands |
+//! | `render.rs`, `shadow.rs`, `interior.rs`, `accuracy.rs`, `workload.rs` | the commands |
 //! | `height_map.rs` | reading a height map |
 //! | `parse.rs` | values of flags |
 //! | `error.rs` | why it fails |
@@ -11,6 +11,7 @@
 mod accuracy;
 mod error;
 mod height_map;
+mod interior;
 mod parse;
 mod render;
 mod shadow;
@@ -23,7 +24,7 @@ use serde::Serialize;
 
 use crate::error::{CliError, usage_line};
 
-/// Ray-cast terrain, culling and frame times: pictures, depth, shadow maps, workloads and what accuracy costs.
+/// Ray-cast terrain, culling and frame times: pictures, depth, shadow maps, models, workloads and what accuracy costs.
 #[derive(Parser)]
 #[command(name = "skyline", version)]
 struct Cli {
@@ -37,6 +38,8 @@ enum Command {
     Render(render::RenderArgs),
     /// Write the shadow map of a height map: one pixel a sample, 255 = lit.
     Shadow(shadow::ShadowArgs),
+    /// Take out of a glTF model what cannot be seen from anywhere outside it.
+    Interior(interior::InteriorArgs),
     /// Measure what accuracy costs: time and error of every setting, with plots and a page that shows them.
     Accuracy(accuracy::AccuracyArgs),
     /// Measure the frame times of a city along a path of the camera: a row a frame, and a plot of all policies.
@@ -75,6 +78,7 @@ fn run() -> Result<(), CliError> {
     match cli.command {
         Command::Render(args) => render::run(&args),
         Command::Shadow(args) => shadow::run(&args),
+        Command::Interior(args) => interior::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
         Command::Workload(args) => workload::run(&args),
     }

@@ -125,8 +125,9 @@ pub(super) struct Sparse {
 }
 
 impl Accessor {
-    /// From its first byte to its last, in its view. units: bytes
+    /// From its first byte to its last, in its view, if it has any. units: bytes
     pub(super) fn span(&self) -> Option<core::ops::Range<usize>> {
+        self.view?;
         let last = self.count.checked_sub(1)?;
         Some(self.offset..self.offset + last * self.stride + self.size)
     }
@@ -213,23 +214,24 @@ impl<'a> Numbers<'a> {
         let elements = count(accessor, "count")?.ok_or_else(|| broken("does not say its count"))?;
         let view = count(accessor, "bufferView")?;
         let stride = view.and_then(|view| self.views[view].stride);
-        let found = Accessor {
-            view,
-            offset: count(accessor, "byteOffset")?.unwrap_or(0),
-            count: elements,
-            component,
-            width: rows * columns,
-            is_normalized: accessor.get("normalized") == Some(&Value::Bool(true)),
-            size: aligned * (columns - 1) + column,
-            packed: aligned * columns,
-            stride: stride.unwrap_or(aligned * columns),
-            sparse: match accessor.get("sparse") {
-                Some(sparse) => Some(self.sparse(sparse)?.ok_or_else(|| {
-                    broken("has a sparse part that does not say where it lies")
-                })?),
-                None => None,
-            },
-        };
+        let found =
+            Accessor {
+                view,
+                offset: count(accessor, "byteOffset")?.unwrap_or(0),
+                count: elements,
+                component,
+                width: rows * columns,
+                is_normalized: accessor.get("normalized") == Some(&Value::Bool(true)),
+                size: aligned * (columns - 1) + column,
+                packed: aligned * columns,
+                stride: stride.unwrap_or(aligned * columns),
+                sparse: match accessor.get("sparse") {
+                    Some(sparse) => Some(self.sparse(sparse)?.ok_or_else(|| {
+                        broken("has a sparse part that does not say where it lies")
+                    })?),
+                    None => None,
+                },
+            };
         let reaches = |view: usize, offset: usize, count: usize, stride: usize, size: usize| {
             let last = count.saturating_sub(1).checked_mul(stride);
             let end = last
@@ -245,14 +247,28 @@ impl<'a> Numbers<'a> {
         if let Some(sparse) = &found.sparse {
             let (index, value) = (sparse.index.size(), found.size);
             let step = found.packed;
-            if !reaches(sparse.index_view, sparse.index_offset, sparse.count, index, index)
-                || !reaches(sparse.value_view, sparse.value_offset, sparse.count, step, value)
-            {
-                return Err(broken("has a sparse part that reaches out of its buffer view"));
+            if !reaches(
+                sparse.index_view,
+                sparse.index_offset,
+                sparse.count,
+                index,
+                index,
+            ) || !reaches(
+                sparse.value_view,
+                sparse.value_offset,
+                sparse.count,
+                step,
+                value,
+            ) {
+                return Err(broken(
+                    "has a sparse part that reaches out of its buffer view",
+                ));
             }
             let indices = self.sparse_indices(sparse);
             if !indices.is_sorted_by(|a, b| a < b) || indices.last() >= Some(&(elements as u64)) {
-                return Err(broken("has sparse indices that do not rise, or pass its end"));
+                return Err(broken(
+                    "has sparse indices that do not rise, or pass its end",
+                ));
             }
         }
         Ok(found)
@@ -263,8 +279,8 @@ impl<'a> Numbers<'a> {
             return Ok(None);
         };
         let index = count(indices, "componentType")?.and_then(Component::of);
-        let index = index
-            .filter(|index| matches!(index, Component::U8 | Component::U16 | Component::U32));
+        let index =
+            index.filter(|index| matches!(index, Component::U8 | Component::U16 | Component::U32));
         let (Some(count_of), Some(index), Some(index_view), Some(value_view)) = (
             count(sparse, "count")?,
             index,

@@ -69,7 +69,9 @@ impl Container {
         let length = count(buffer, "byteLength")?.ok_or_else(|| {
             ModelFileError::Broken(format!("buffer {number} does not say its length"))
         })?;
-        let uri = buffer.get("uri").map(|uri| uri.as_str().unwrap_or_default());
+        let uri = buffer
+            .get("uri")
+            .map(|uri| uri.as_str().unwrap_or_default());
         let mut bytes = match uri.map(Uri::of) {
             None if number == 0 => bin.unwrap_or_default().to_vec(),
             None => {
@@ -113,9 +115,7 @@ impl Container {
 /// All of a file; never of a device or a pipe, that may not end.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, String> {
     match fs::metadata(path) {
-        Ok(metadata) if metadata.is_file() => {
-            fs::read(path).map_err(|error| error.to_string())
-        }
+        Ok(metadata) if metadata.is_file() => fs::read(path).map_err(|error| error.to_string()),
         Ok(_) => Err("it is no file".into()),
         Err(error) => Err(error.to_string()),
     }
@@ -168,6 +168,9 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), ModelFileError> {
 }
 
 fn check_version(json: &Value) -> Result<(), ModelFileError> {
+    if !json.is_object() {
+        return Err(ModelFileError::Json("it is no object".into()));
+    }
     let asset = json.get("asset");
     let version = asset.and_then(|asset| asset.get("version"));
     match version.and_then(Value::as_str) {

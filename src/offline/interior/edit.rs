@@ -124,11 +124,8 @@ fn judge(
             .meshes
             .get(&mesh)
             .is_none_or(|primitives| primitives.iter().any(Option::is_none));
-        let is_seen = |parts: &Vec<usize>| {
-            parts
-                .iter()
-                .any(|part| verdicts[*part] != Verdict::Hidden)
-        };
+        let is_seen =
+            |parts: &Vec<usize>| parts.iter().any(|part| verdicts[*part] != Verdict::Hidden);
         if judged.is_some_and(|parts| !has_others && !is_seen(parts)) {
             edited.hidden.insert(number);
             continue;
@@ -155,7 +152,9 @@ fn judge(
             *stay = Stay::All;
         }
     }
-    let kept = parts.iter().filter(|(node, _)| !edited.hidden.contains(*node));
+    let kept = parts
+        .iter()
+        .filter(|(node, _)| !edited.hidden.contains(*node));
     edited.kept_triangles = kept
         .flat_map(|(_, parts)| parts)
         .filter_map(|part| {
@@ -194,11 +193,7 @@ struct Member {
 }
 
 /// Those groups that have to be written anew.
-fn groups(
-    json: &Value,
-    reading: &Reading,
-    stays: &BTreeMap<(usize, usize), Stay>,
-) -> Vec<Group> {
+fn groups(json: &Value, reading: &Reading, stays: &BTreeMap<(usize, usize), Stay>) -> Vec<Group> {
     let mut groups: BTreeMap<String, Group> = BTreeMap::new();
     for (mesh, value) in list(json, "meshes").iter().enumerate() {
         for (primitive, value) in list(value, "primitives").iter().enumerate() {
@@ -323,8 +318,7 @@ impl Group {
                 Some(new) => *new,
                 None => {
                     let value = &list(json, "accessors")[old];
-                    let fresh =
-                        fresh.vertices(numbers, (old, value), kept, is_position, budget)?;
+                    let fresh = fresh.vertices(numbers, (old, value), kept, is_position, budget)?;
                     push(json, fresh)
                 }
             };

@@ -48,16 +48,22 @@ pub enum ModelFileError {
     #[error("it cannot be read: {0}; name a .glb or .gltf file")]
     Read(String),
     /// It is something else.
-    #[error("it is no glTF: it begins neither with \"glTF\" nor with \"{{\"; name a .glb or .gltf file")]
+    #[error(
+        "it is no glTF: it begins neither with \"glTF\" nor with \"{{\"; name a .glb or .gltf file"
+    )]
     NotGltf,
     /// Its JSON is none.
     #[error("its JSON cannot be read ({0}); export the model again")]
     Json(String),
     /// Another version of the format.
-    #[error("it is glTF {0}, and 2.0 is what is understood; convert it first, in Blender for instance")]
+    #[error(
+        "it is glTF {0}, and 2.0 is what is understood; convert it first, in Blender for instance"
+    )]
     Version(String),
     /// It ends too early.
-    #[error("it is cut off: {needs} bytes are announced and {has} are there; copy or export it again")]
+    #[error(
+        "it is cut off: {needs} bytes are announced and {has} are there; copy or export it again"
+    )]
     Truncated {
         /// How many bytes there should be.
         needs: u64,
@@ -65,7 +71,9 @@ pub enum ModelFileError {
         has: u64,
     },
     /// A file beside it is not there.
-    #[error("its buffer {buffer} lies in {file}, which cannot be read ({reason}); put that file where the model looks for it")]
+    #[error(
+        "its buffer {buffer} lies in {file}, which cannot be read ({reason}); put that file where the model looks for it"
+    )]
     Beside {
         /// Which buffer.
         buffer: usize,
@@ -75,16 +83,22 @@ pub enum ModelFileError {
         reason: String,
     },
     /// It breaks a rule of the format.
-    #[error("{0}: this is against the rules of glTF; export the model again, or see what gltf-validator says")]
+    #[error(
+        "{0}: this is against the rules of glTF; export the model again, or see what gltf-validator says"
+    )]
     Broken(String),
     /// Its vertices are compressed.
     #[error("it is compressed with {0}; decompress it first: gltf-transform copy IN.glb OUT.glb")]
     Compressed(String),
     /// It requires what is not known here.
-    #[error("it requires the extension {0}, which is not understood here; export the model without it")]
+    #[error(
+        "it requires the extension {0}, which is not understood here; export the model without it"
+    )]
     Extension(String),
     /// A vertex is nowhere.
-    #[error("node {node} has a vertex that is not finite, or farther away than f32 can say; repair its mesh or the transforms above it")]
+    #[error(
+        "node {node} has a vertex that is not finite, or farther away than f32 can say; repair its mesh or the transforms above it"
+    )]
     NotFinite {
         /// Number and name.
         node: String,
@@ -93,16 +107,22 @@ pub enum ModelFileError {
     #[error("the whole of it is {0:e} long; scale it up")]
     Small(f64),
     /// Everything can move.
-    #[error("every node that has triangles can move or be switched ({0}), so that nothing is sure to be hidden: there is nothing to cull")]
+    #[error(
+        "every node that has triangles can move or be switched ({0}), so that nothing is sure to be hidden: there is nothing to cull"
+    )]
     AllMove(String),
     /// It would take too much memory.
-    #[error("its vertices and triangles take more than the {allowed_mib} MiB that are allowed; allow more with --memory-mib")]
+    #[error(
+        "its vertices and triangles take more than the {allowed_mib} MiB that are allowed; allow more with --memory-mib"
+    )]
     Memory {
         /// What is allowed. units: MiB
         allowed_mib: u32,
     },
     /// What is written has to be addressable with 32 bits.
-    #[error("what is left of it takes {0} bytes, and a .glb holds less than 4294967296; split the model first")]
+    #[error(
+        "what is left of it takes {0} bytes, and a .glb holds less than 4294967296; split the model first"
+    )]
     TooLong(u64),
     /// It cannot be culled so.
     #[error(transparent)]

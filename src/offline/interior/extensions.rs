@@ -98,12 +98,16 @@ impl Unknown {
             Value::Array(values) => values.iter().for_each(|value| self.gather_numbers(value)),
             Value::Object(values) => values.values().for_each(|value| self.gather_numbers(value)),
             Value::Number(number) => {
-                let number = number.as_u64().and_then(|number| usize::try_from(number).ok());
+                let number = number
+                    .as_u64()
+                    .and_then(|number| usize::try_from(number).ok());
                 self.numbers.extend(number);
             }
             // JSON pointers: /nodes/3/translation
             Value::String(text) if text.starts_with('/') => {
-                let numbers = text.split('/').filter_map(|step| step.parse::<usize>().ok());
+                let numbers = text
+                    .split('/')
+                    .filter_map(|step| step.parse::<usize>().ok());
                 self.numbers.extend(numbers);
             }
             _ => {}

@@ -87,7 +87,8 @@ impl Fresh {
             let elements = &elements;
             let lane = |i: usize| {
                 let from = i * component.size();
-                let element = move |vertex: &u32| component.read(&elements.get(*vertex as usize)[from..]);
+                let element =
+                    move |vertex: &u32| component.read(&elements.get(*vertex as usize)[from..]);
                 kept.iter().map(element)
             };
             let least = (0..width).map(|i| number(component, lane(i).fold(f64::MAX, f64::min)));

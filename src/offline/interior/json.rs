@@ -97,9 +97,6 @@ fn walk(value: &mut Value, path: &[&str], found: &mut impl FnMut(&mut Value)) {
 
 /// Checks that everything refers to something, and that lists are lists of objects; what follows counts on that.
 pub(super) fn check(json: &mut Value) -> Result<(), ModelFileError> {
-    if !json.is_object() {
-        return Err(ModelFileError::Json("it is no object".into()));
-    }
     for key in [
         "scenes",
         "nodes",
@@ -148,7 +145,10 @@ pub(super) fn check(json: &mut Value) -> Result<(), ModelFileError> {
 
 /// A list in an object; empty if there is none.
 pub(super) fn list<'a>(value: &'a Value, key: &str) -> &'a [Value] {
-    value.get(key).and_then(Value::as_array).map_or(&[], |list| list)
+    value
+        .get(key)
+        .and_then(Value::as_array)
+        .map_or(&[], |list| list)
 }
 
 /// A list in an object, to change; empty if there is none.

@@ -40,14 +40,8 @@ use std::{
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use self::{
-    accessor::Numbers,
-    container::Container,
-    error::Budget,
-    fresh::Fresh,
-    read::Reading,
-};
 pub use self::error::{ModelFileError, TrimError};
+use self::{accessor::Numbers, container::Container, error::Budget, fresh::Fresh, read::Reading};
 use crate::interior::{
     InteriorCulling, InteriorError, Level, Mode, Model, Outcome, Progress, Stage, cull,
     lattice::SPACINGS_IN_CELL,
@@ -162,11 +156,18 @@ pub fn trim(
     let json = &mut container.json;
     let mut fresh = Fresh::after(numbers.views.len());
     let (left, beside_bytes) = images::take_along(json, input, &to, &mut fresh);
-    let edited = edit::edit(json, &numbers, &reading, &outcome.parts, &mut fresh, &mut budget)
-        .map_err(&wrong)?;
+    let edited = edit::edit(
+        json,
+        &numbers,
+        &reading,
+        &outcome.parts,
+        &mut fresh,
+        &mut budget,
+    )
+    .map_err(&wrong)?;
     let bytes_before = container.bytes + beside_bytes;
     let most = bytes_before + fresh.bytes() + (u64::from(settings.memory_mib) << 20);
-    let bin = sweep::sweep(json, &numbers, &edited.hidden, &fresh, most)
+    let bin = sweep::sweep(json, &numbers, &edited.hidden, &mut fresh, most)
         .and_then(|bin| bin.ok_or_else(|| budget.exceeded()))
         .map_err(&wrong)?;
     let bytes_after = save::save(json, &bin, input, &to, &container.beside)?;
@@ -213,6 +214,20 @@ pub fn trim(
         figures,
         notes: notes(&reading, &left),
     })
+}
+
+/// The model that a file holds, as [`trim`] judges it.
+///
+/// # Errors
+/// [`TrimError::Input`].
+pub fn read_model(path: &Path, memory_mib: u32) -> Result<Model, TrimError> {
+    let wrong = TrimError::input(path);
+    let container = Container::read(path).map_err(&wrong)?;
+    extensions::check(&container.json).map_err(&wrong)?;
+    let numbers = Numbers::new(&container.json, &container.buffers).map_err(&wrong)?;
+    let mut budget = Budget::new(memory_mib);
+    let reading = read::read(&container.json, &numbers, &mut budget).map_err(&wrong)?;
+    Ok(reading.model)
 }
 
 /// Name of a level as a flag's value.

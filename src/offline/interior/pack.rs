@@ -64,13 +64,10 @@ pub(super) fn pack(
         }
         let offset = packed.bytes.len();
         for stretch in &stretches.0 {
-            let from = &numbers.bytes(number)[stretch.clone()];
-            packed.bytes.extend_from_slice(from);
-            let length = packed.bytes.len() - offset;
-            let padded = length.next_multiple_of(ALIGNMENT);
-            packed.bytes.resize(offset + padded, 0);
+            packed.bytes.resize(offset + stretch.now, 0);
+            let was = &numbers.bytes(number)[stretch.was.clone()];
+            packed.bytes.extend_from_slice(was);
         }
-        // Padding after the last is none of its.
         if let Some(view) = list_mut(json, "bufferViews")[number].as_object_mut() {
             view.insert("buffer".into(), 0.into());
             view.insert("byteOffset".into(), offset.into());
@@ -96,7 +93,9 @@ pub(super) fn pack(
         views.push(entry);
         packed.bytes.extend_from_slice(&view.bytes);
     }
-    packed.bytes.resize(packed.bytes.len().next_multiple_of(ALIGNMENT), 0);
+    packed
+        .bytes
+        .resize(packed.bytes.len().next_multiple_of(ALIGNMENT), 0);
     if let Some(json) = json.as_object_mut() {
         let all = json
             .entry("bufferViews")
@@ -121,19 +120,32 @@ pub(super) fn pack(
 }
 
 /// What of a view is in use: from multiples of [`ALIGNMENT`], in order, apart from each other.
-struct Stretches(Vec<Range<usize>>);
+struct Stretches(Vec<Stretch>);
+
+/// Bytes of a view.
+struct Stretch {
+    was: Range<usize>,
+    /// Where in the new view they start.
+    now: usize,
+}
 
 impl Stretches {
     fn new(mut spans: Vec<Range<usize>>) -> Self {
         spans.sort_unstable_by_key(|span| span.start);
-        let mut all: Vec<Range<usize>> = Vec::new();
+        let mut all: Vec<Stretch> = Vec::new();
         for span in spans {
             let start = span.start / ALIGNMENT * ALIGNMENT;
             match all.last_mut() {
-                Some(last) if start <= last.end.next_multiple_of(ALIGNMENT) => {
-                    last.end = last.end.max(span.end);
+                Some(last) if start <= last.was.end.next_multiple_of(ALIGNMENT) => {
+                    last.was.end = last.was.end.max(span.end);
                 }
-                _ => all.push(start..span.end),
+                last => {
+                    let now = last.map_or(0, |last| last.end().next_multiple_of(ALIGNMENT));
+                    all.push(Stretch {
+                        was: start..span.end,
+                        now,
+                    });
+                }
             }
         }
         Self(all)
@@ -141,21 +153,21 @@ impl Stretches {
 
     /// With padding in between. units: bytes
     fn length(&self) -> usize {
-        self.0.iter().fold(0, |length, stretch| {
-            length.next_multiple_of(ALIGNMENT) + stretch.len()
-        })
+        self.0.last().map_or(0, Stretch::end)
     }
 
     /// Where a byte of the view that is in use has gone.
     fn moved(&self, byte: usize) -> Option<usize> {
-        let mut start = 0;
-        for stretch in &self.0 {
-            if stretch.contains(&byte) {
-                return Some(start + byte - stretch.start);
-            }
-            start = (start + stretch.len()).next_multiple_of(ALIGNMENT);
-        }
-        None
+        let after = self.0.partition_point(|stretch| stretch.was.start <= byte);
+        let stretch = &self.0[after.checked_sub(1)?];
+        let is_in = stretch.was.contains(&byte);
+        is_in.then(|| stretch.now + byte - stretch.was.start)
+    }
+}
+
+impl Stretch {
+    fn end(&self) -> usize {
+        self.now + self.was.len()
     }
 }
 
@@ -205,7 +217,10 @@ fn follow(
     for (accessor, _) in accessors.filter(|(_, is_kept)| **is_kept) {
         move_offset(accessor, stretches)?;
         for part in ["indices", "values"] {
-            if let Some(part) = accessor.get_mut("sparse").and_then(|sparse| sparse.get_mut(part)) {
+            if let Some(part) = accessor
+                .get_mut("sparse")
+                .and_then(|sparse| sparse.get_mut(part))
+            {
                 move_offset(part, stretches)?;
             }
         }

@@ -72,17 +72,21 @@ impl Topology {
     }
 
     /// In the order of glTF 2.0, §3.7.2.1; strips and fans without those that are only there to join others.
-    fn triangles(self, indices: &[u32]) -> Vec<[u32; 3]> {
-        let joins = |[a, b, c]: &[u32; 3]| a == b || b == c || c == a;
-        let rest = |from: usize| (from..indices.len()).map(move |at| at - from);
+    fn triangles(self, indices: &[u32], positions: &[[f32; 3]]) -> Vec<[u32; 3]> {
+        let joins = |triangle: &[u32; 3]| {
+            let [a, b, c] = triangle.map(|index| positions[index as usize]);
+            a == b || b == c || c == a
+        };
+        let starts = 0..indices.len().saturating_sub(2);
+        let pick = |three: [usize; 3]| three.map(|at| indices[at]);
         match self {
             Self::List => indices.as_chunks().0.to_vec(),
-            Self::Strip => rest(2)
-                .map(|i| [i, i + 1 + i % 2, i + 2 - i % 2].map(|at| indices[at]))
+            Self::Strip => starts
+                .map(|i| pick([i, i + 1 + i % 2, i + 2 - i % 2]))
                 .filter(|triangle| !joins(triangle))
                 .collect(),
-            Self::Fan => rest(2)
-                .map(|i| [i + 1, i + 2, 0].map(|at| indices[at]))
+            Self::Fan => starts
+                .map(|i| pick([i + 1, i + 2, 0]))
                 .filter(|triangle| !joins(triangle))
                 .collect(),
         }
@@ -227,7 +231,10 @@ impl Reader<'_> {
         let indices = primitive.get("indices").and_then(index);
         let key = (positions, indices, topology);
         let vertices = self.numbers.accessors[positions].count;
-        let each = attributes.as_object().into_iter().flat_map(|all| all.values());
+        let each = attributes
+            .as_object()
+            .into_iter()
+            .flat_map(|all| all.values());
         for attribute in each.filter_map(index) {
             if self.numbers.accessors[attribute].count != vertices {
                 let what = "its attributes are not all of as many vertices";
@@ -239,8 +246,9 @@ impl Reader<'_> {
         }
         let positions = self.positions(positions)?;
         let indices = self.indices(indices, vertices)?;
-        self.budget.take(topology.most(indices.len()), size_of::<[u32; 3]>())?;
-        let triangles = topology.triangles(&indices);
+        self.budget
+            .take(topology.most(indices.len()), size_of::<[u32; 3]>())?;
+        let triangles = topology.triangles(&indices, &positions);
         let surface = Arc::new(Surface {
             positions,
             triangles,
@@ -328,7 +336,9 @@ impl Look {
         };
         let look = |material: usize| {
             looks.get(material).copied().ok_or_else(|| {
-                ModelFileError::Broken(format!("a mesh is of a material {material} that is not there"))
+                ModelFileError::Broken(format!(
+                    "a mesh is of a material {material} that is not there"
+                ))
             })
         };
         let mut all = match count(primitive, "material")? {

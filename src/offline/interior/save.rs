@@ -46,18 +46,25 @@ pub(super) fn save(
     let failed = |error: std::io::Error| TrimError::write(out, error);
     if !is_apart(out) {
         let bytes = glb(json, bin).map_err(TrimError::input(input))?;
-        Draft::new(out, &[&bytes]).and_then(Draft::publish).map_err(failed)?;
+        Draft::new(out, &[&bytes])
+            .and_then(Draft::publish)
+            .map_err(failed)?;
         return Ok(bytes.len() as u64);
     }
     let buffer = buffer_file(out, beside);
     let name = buffer.file_name().unwrap_or_default();
-    if let Some(entry) = json.pointer_mut("/buffers/0").and_then(Value::as_object_mut) {
+    if let Some(entry) = json
+        .pointer_mut("/buffers/0")
+        .and_then(Value::as_object_mut)
+    {
         entry.insert("uri".into(), encode(&name.to_string_lossy()).into());
     }
     let text = serde_json::to_vec_pretty(json).map_err(|error| failed(error.into()))?;
     // The model last: until then, what it was stays whole.
     let model = Draft::new(out, &[&text, b"\n"]).map_err(failed)?;
-    Draft::new(&buffer, &[bin]).and_then(Draft::publish).map_err(failed)?;
+    Draft::new(&buffer, &[bin])
+        .and_then(Draft::publish)
+        .map_err(failed)?;
     model.publish().map_err(failed)?;
     Ok((text.len() + 1 + bin.len()) as u64)
 }
@@ -88,7 +95,11 @@ fn glb(json: &Value, bin: &[u8]) -> Result<Vec<u8>, ModelFileError> {
         .iter()
         .filter(|(kind, body, _)| *kind == JSON_CHUNK || !body.is_empty());
     let padded = |body: &[u8]| body.len().next_multiple_of(4);
-    let length = 12 + chunks.clone().map(|(_, body, _)| 8 + padded(body)).sum::<usize>();
+    let length = 12
+        + chunks
+            .clone()
+            .map(|(_, body, _)| 8 + padded(body))
+            .sum::<usize>();
     let word = |length: usize| match u32::try_from(length) {
         Ok(length) => Ok(length.to_le_bytes()),
         Err(_) => Err(ModelFileError::TooLong(length as u64)),

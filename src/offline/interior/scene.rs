@@ -118,7 +118,8 @@ fn places(json: &Value, roots: Vec<usize>) -> Result<Vec<Place>, ModelFileError>
         .collect();
     while let Some((number, above, moved)) = open.pop() {
         let node = &nodes[number];
-        let broken = |what: &str| ModelFileError::Broken(format!("node {} {what}", named(number, node)));
+        let broken =
+            |what: &str| ModelFileError::Broken(format!("node {} {what}", named(number, node)));
         if places[number] != Place::Elsewhere {
             return Err(broken("is below two nodes, or below itself"));
         }

@@ -11,7 +11,7 @@ use super::{
     accessor::Numbers,
     error::ModelFileError,
     extensions::Unknown,
-    fresh::Fresh,
+    fresh::{Fresh, FreshView},
     json::{List, index, list, list_mut},
     pack::pack,
 };
@@ -23,34 +23,41 @@ pub(super) fn sweep(
     json: &mut Value,
     numbers: &Numbers,
     hidden: &BTreeSet<usize>,
-    fresh: &Fresh,
+    fresh: &mut Fresh,
     most: u64,
 ) -> Result<Option<Vec<u8>>, ModelFileError> {
     let unknown = Unknown::of(json);
     if unknown.names.is_empty() {
         let is_kept = kept_nodes(json, hidden);
-        drop_from(json, &[("scenes", "nodes"), ("nodes", "children")], &is_kept);
+        drop_from(
+            json,
+            &[("scenes", "nodes"), ("nodes", "children")],
+            &is_kept,
+        );
         shorten(json, List::Nodes, &is_kept);
     }
     let is_kept = used(json, List::Meshes, &unknown);
-    if unknown.names.is_empty() {
+    let origin = if unknown.names.is_empty() {
         shorten(json, List::Meshes, &is_kept);
-    } else if is_kept.contains(&false) {
-        let point = push(json, List::Accessors, origin());
+        None
+    } else {
+        let origin = origin(fresh);
+        let point = push(json, List::Accessors, origin.clone());
         let mesh = json!({ "primitives": [{ "mode": 0, "attributes": { "POSITION": point } }] });
         replace(json, List::Meshes, &is_kept, &mesh);
-    }
+        Some(origin)
+    };
     let is_kept = used(json, List::Accessors, &unknown);
     let Some(packed) = pack(json, numbers, &is_kept, &unknown, fresh, most)? else {
         return Ok(None);
     };
-    if unknown.names.is_empty() {
-        shorten(json, List::Accessors, &is_kept);
-        shorten(json, List::Views, &packed.is_used);
-    } else {
-        replace(json, List::Accessors, &is_kept, &origin());
+    if let Some(origin) = origin {
+        replace(json, List::Accessors, &is_kept, &origin);
         let view = json!({ "buffer": 0, "byteLength": 1 });
         replace(json, List::Views, &packed.is_used, &view);
+    } else {
+        shorten(json, List::Accessors, &is_kept);
+        shorten(json, List::Views, &packed.is_used);
     }
     for key in ["nodes", "meshes", "accessors", "bufferViews", "buffers"] {
         if list(json, key).is_empty()
@@ -62,10 +69,14 @@ pub(super) fn sweep(
     Ok(Some(packed.bytes))
 }
 
-/// A point at the origin, that takes no bytes.
-fn origin() -> Value {
+/// A point at the origin.
+fn origin(fresh: &mut Fresh) -> Value {
+    let view = fresh.add(FreshView {
+        bytes: vec![0; 3 * size_of::<f32>()],
+        ..Default::default()
+    });
     json!({
-        "componentType": 5126, "type": "VEC3", "count": 1,
+        "bufferView": view, "componentType": 5126, "type": "VEC3", "count": 1,
         "min": [0, 0, 0], "max": [0, 0, 0],
     })
 }

@@ -105,7 +105,10 @@ mod tests {
     #[test]
     fn addresses_are_understood() {
         let data = |text: &str| Uri::Data(text.as_bytes().to_vec());
-        assert_eq!(Uri::of("data:application/octet-stream;base64,aGVsbG8="), data("hello"));
+        assert_eq!(
+            Uri::of("data:application/octet-stream;base64,aGVsbG8="),
+            data("hello")
+        );
         assert_eq!(Uri::of("data:;base64,aGVsbG8"), data("hello"));
         assert_eq!(Uri::of("data:,a%20b"), data("a b"));
         assert_eq!(Uri::of("data:;base64,a*"), Uri::Undecodable);

@@ -5,8 +5,8 @@
 //! everything two-sided). Two errors:
 //!
 //! - `false_cull_px`: pixels, in many views from outside, of which something that shows there was taken out
-//!   ([`views`]); `false_cull_px_in_gap`: those of them that a ball of the grid's gap can be brought to from the eye,
-//!   which the default guarantees to be none.
+//!   ([`views`]); `false_cull_px_in_gap`, of the default alone: those of them that a ball of the grid's gap can be brought
+//!   to from the eye, which it guarantees to be none.
 //! - `kept_hidden`: share of the triangles that stay though nobody sees them: they show in no view, and no ray from them
 //!   gets out ([`truth`]); where it is known how a model was made, by that too.
 
@@ -34,6 +34,9 @@ use crate::{
     },
     offline::{interior, spinner},
 };
+
+/// What a model and its lattice may take. units: MiB
+const MEMORY_MIB: u32 = 1 << 14;
 
 /// What to measure.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,7 +115,7 @@ impl Way {
         let base = InteriorCulling {
             grid: Grid::Resolution(grid),
             // What it takes is told.
-            memory_mib: u32::MAX,
+            memory_mib: MEMORY_MIB,
             ..Default::default()
         };
         match self {
@@ -176,8 +179,9 @@ pub struct InteriorLine {
 pub struct InteriorErrors {
     /// Pixels of which something that shows there was taken out, in all views.
     pub false_cull_px: u64,
-    /// Those of them that are seen through openings as wide as the gap.
-    pub false_cull_px_in_gap: u64,
+    /// Those of them that are seen through openings as wide as the gap; of `conservative` only, which guarantees that
+    /// there are none.
+    pub false_cull_px_in_gap: Option<u64>,
     /// Of so many pixels that show anything.
     pub pixels: u64,
     /// Views with such pixels.
@@ -204,7 +208,7 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
     let mut notes = Vec::new();
     for path in &plan.models {
         progress.set_message(format!("reading {}", path.display()));
-        let model = interior::read_model(path)?;
+        let model = interior::read_model(path, MEMORY_MIB)?;
         let name = path.file_stem().unwrap_or(path.as_os_str());
         let name = name.to_string_lossy().into_owned();
         measure_model(
@@ -361,7 +365,8 @@ fn measure_model(
             lattice_mib: lattice.bytes(done.outcome.is_one_sided) as f64 / f64::from(1 << 20),
             error: InteriorErrors {
                 false_cull_px: looked.missed[at],
-                false_cull_px_in_gap: looked.missed_in_gap[at],
+                false_cull_px_in_gap: (done.way == Way::Conservative)
+                    .then_some(looked.missed_in_gap[at]),
                 pixels: looked.pixels,
                 views_with_false_culls: looked.views_with[at],
                 views: plan.views,
@@ -441,7 +446,10 @@ fn look(
     let greatest = corners().fold(bevy::math::DVec3::MIN, bevy::math::DVec3::max);
     let extent = (greatest - least).length();
     let views = views::around((least, greatest), plan.views, plan.size);
-    let gaps: Vec<f64> = done.iter().map(|done| done.outcome.lattice.gap()).collect();
+    let gaps: Vec<Option<f64>> = done
+        .iter()
+        .map(|done| (done.way == Way::Conservative).then(|| done.outcome.lattice.gap()))
+        .collect();
     let next = core::sync::atomic::AtomicUsize::new(0);
     let one = || {
         let mut looked = Looked {
@@ -474,7 +482,7 @@ fn look(
 }
 
 impl Looked {
-    fn add(&mut self, view: &View, shown: &[Shown], missing: &[u32], gaps: &[f64]) {
+    fn add(&mut self, view: &View, shown: &[Shown], missing: &[u32], gaps: &[Option<f64>]) {
         let picture = view.look(shown, missing, self.extent, &mut self.seen);
         let mut missed = vec![0; gaps.len()];
         for (at, bits) in picture.missed.iter().enumerate() {
@@ -484,9 +492,8 @@ impl Looked {
                 let way = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
                 missed[way] += 1;
-                if view.is_wide_open(&picture, at, gaps[way] / 2.0) {
-                    self.missed_in_gap[way] += 1;
-                }
+                let is_open = |gap| view.is_wide_open(&picture, at, gap / 2.0);
+                self.missed_in_gap[way] += u64::from(gaps[way].is_some_and(is_open));
             }
         }
         for (way, missed) in missed.into_iter().enumerate() {

@@ -136,7 +136,7 @@ fn row(line: &InteriorLine) -> Vec<String> {
         line.removed_triangles.to_string(),
         percent(line.removed_triangles, line.triangles),
         error.false_cull_px.to_string(),
-        error.false_cull_px_in_gap.to_string(),
+        optional(error.false_cull_px_in_gap),
         format!("{} of {}", error.views_with_false_culls, error.views),
         short(100.0 * error.kept_hidden),
         short(line.lattice_mib),
@@ -171,7 +171,7 @@ fn in_short(lines: &[InteriorLine]) -> Table {
                 "Pixels that lack something seen through the gap, all rows of the default",
                 format!(
                     "{} of {} in {views} views",
-                    sum(|line| line.error.false_cull_px_in_gap),
+                    sum(|line| line.error.false_cull_px_in_gap.unwrap_or(0)),
                     sum(|line| line.error.pixels)
                 ),
             ),
@@ -262,7 +262,7 @@ pub(super) fn csv(lines: &[InteriorLine]) -> Table {
             line.gap.to_string(),
             line.lattice_mib.to_string(),
             error.false_cull_px.to_string(),
-            error.false_cull_px_in_gap.to_string(),
+            optional(error.false_cull_px_in_gap),
             error.pixels.to_string(),
             error.views_with_false_culls.to_string(),
             error.views.to_string(),
