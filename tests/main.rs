@@ -45,6 +45,9 @@ mod interior;
 #[cfg(feature = "cli")]
 #[path = "it/interior_app.rs"]
 mod interior_app;
+#[cfg(feature = "cli")]
+#[path = "it/interior_field.rs"]
+mod interior_field;
 #[path = "it/loader.rs"]
 mod loader;
 #[path = "it/occludee_meshes.rs"]

@@ -14,6 +14,7 @@ use super::{
     extract::{self, Met},
     field::{Field, SharedField},
     front,
+    gpu::{FieldDevice, FieldOrigin, InteriorGpu, InteriorGpuError, Stopped},
     lattice::Lattice,
     model::{Model, Part},
     overlap::Snapped,
@@ -33,6 +34,8 @@ pub struct Outcome {
     pub lattice: Lattice,
     /// Points of it that are outside.
     pub outside_points: u64,
+    /// Where the directed distance field was made.
+    pub field_origin: FieldOrigin,
     /// Whether steps to and fro were told apart, for surfaces that are seen through from behind.
     pub is_one_sided: bool,
     /// How long each stage took, by [`Stage`].
@@ -96,6 +99,21 @@ pub fn cull(
     threads: NonZero<usize>,
     progress: &Progress,
 ) -> Result<Outcome, InteriorError> {
+    cull_on(FieldDevice::Cpu, model, settings, threads, progress)
+}
+
+/// The same, with the directed distance field made on a device: the verdicts are the same whichever it is. What the GPU
+/// cannot do, the CPU does, and [`Outcome::field_origin`] says why.
+///
+/// # Errors
+/// As [`cull`].
+pub fn cull_on(
+    device: FieldDevice,
+    model: &Model,
+    settings: &InteriorCulling,
+    threads: NonZero<usize>,
+    progress: &Progress,
+) -> Result<Outcome, InteriorError> {
     let crew = Crew { threads, progress };
     let mut clock = Clock::start();
 
@@ -103,7 +121,13 @@ pub fn cull(
     let snapped = SnappedModel::new(model, settings, &crew)?;
     clock.lap(Stage::Snapping);
 
-    let field = snapped.field(&crew)?;
+    let (field, field_origin) = match device {
+        FieldDevice::Cpu => (snapped.field(&crew)?, FieldOrigin::Cpu),
+        FieldDevice::Gpu(gpu) => match snapped.field_on_gpu(gpu, &crew)? {
+            Ok(field) => (field, FieldOrigin::Gpu),
+            Err(why) => (snapped.field(&crew)?, FieldOrigin::Fallback(why)),
+        },
+    };
     clock.lap(Stage::Field);
 
     let lattice = &snapped.lattice;
@@ -118,6 +142,7 @@ pub fn cull(
         parts,
         lattice: *lattice,
         outside_points: outside.count(),
+        field_origin,
         is_one_sided: snapped.is_one_sided,
         took: clock.took,
     })
@@ -226,6 +251,36 @@ impl<'a> SnappedModel<'a> {
             }
         })?;
         Ok(field.into_field())
+    }
+
+    /// The same, on the GPU, if it can.
+    fn field_on_gpu(
+        &self,
+        gpu: &InteriorGpu,
+        crew: &Crew,
+    ) -> Result<Result<Field, InteriorGpuError>, InteriorError> {
+        let solid: Vec<_> = self.batches(|part| !part.is_open);
+        let slabs = match gpu.slabs(&self.lattice, self.is_one_sided) {
+            Ok(slabs) => slabs,
+            Err(why) => return Ok(Err(why)),
+        };
+        crew.progress.enter(Stage::Field, slabs.len() * solid.len());
+        let made = gpu.make(&self.lattice, &slabs, |feed| {
+            crew.each(solid.len(), |at| {
+                let batch = &solid[at];
+                let part = &self.parts[batch.part];
+                let triangles = batch.triangles.clone();
+                feed.add(
+                    triangles
+                        .filter_map(|number| Some((part.triangle(number)?, part.is_two_sided))),
+                );
+            })
+        });
+        match made {
+            Ok(field) => Ok(Ok(field)),
+            Err(Stopped::Gpu(why)) => Ok(Err(why)),
+            Err(Stopped::Host(stopped)) => Err(stopped),
+        }
     }
 
     fn extract(

@@ -28,6 +28,28 @@ pub struct Field {
 }
 
 impl Field {
+    /// Of triangles, two-sided if their entry says so. `is_one_sided`: whether steps up and down are told apart.
+    pub fn of(
+        lattice: &Lattice,
+        triangles: impl IntoIterator<Item = (Snapped, bool)>,
+        is_one_sided: bool,
+    ) -> Self {
+        let field = SharedField::new(lattice, is_one_sided);
+        for (triangle, is_two_sided) in triangles {
+            field.block(lattice, &triangle, is_two_sided);
+        }
+        field.into_field()
+    }
+
+    /// Nothing is in the way.
+    pub(super) fn empty(lattice: &Lattice, is_one_sided: bool) -> Self {
+        let all = || core::array::from_fn(|_| vec![0; lattice.rows() * lattice.words]);
+        Self {
+            up: all(),
+            down: is_one_sided.then(all),
+        }
+    }
+
     /// Whether a surface is in the way of the step up `axis` from a point.
     pub fn is_blocked_up(&self, lattice: &Lattice, point: [u32; 3], axis: usize) -> bool {
         is_set(&self.up[axis], lattice, point)

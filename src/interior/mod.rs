@@ -5,7 +5,7 @@
 //!    the spacing, so that everything after is integer arithmetic, the same on every device.
 //! 2. **Directed distance field** ([`field`]). P5a stores for each point the distance to the first surface in six
 //!    directions, and then asks of each whether it exceeds the spacing. That answer is all that is kept: one bit for each
-//!    step from a point to a neighbour, set if a surface is in the way.
+//!    step from a point to a neighbour, set if a surface is in the way. On the CPU or the GPU ([`gpu`]), with the same bits.
 //! 3. **Front propagation** ([`front`]). From the outermost points, step by step where nothing is in the way: the points
 //!    that are *outside*.
 //! 4. **Extraction** ([`extract`]). [`Mode::Sampled`]: the surfaces that are met first on a step from an outside point to
@@ -39,6 +39,7 @@ mod error;
 pub(crate) mod extract;
 pub mod field;
 pub mod front;
+pub mod gpu;
 pub mod lattice;
 mod model;
 pub mod overlap;
@@ -47,8 +48,9 @@ mod settings;
 
 pub(crate) use app::register;
 pub use app::{InteriorCounts, NoInteriorCulling};
-pub use cull::{Outcome, Verdict, cull, distance_field};
+pub use cull::{Outcome, Verdict, cull, cull_on, distance_field};
 pub use error::InteriorError;
+pub use gpu::{FieldDevice, FieldOrigin, InteriorGpu, InteriorGpuError};
 pub use model::{Model, Part, Surface};
 pub use progress::{Progress, Stage};
 pub use settings::{Faces, Grid, InteriorCulling, Level, Mode, Transparent};

@@ -1,5 +1,6 @@
 //! The WGSL of `assets/shaders/`, embedded in the binary. Registered and loaded from this one file, because
-//! an embedded asset's path depends on the file that names it.
+//! an embedded asset's path depends on the file that names it. All but `interior_field.wgsl`: see
+//! [`crate::interior::gpu::INTERIOR_FIELD_WGSL`].
 
 use bevy::{
     asset::{AssetServer, embedded_asset, load_embedded_asset},
