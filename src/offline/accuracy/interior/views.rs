@@ -12,7 +12,7 @@ const CLOSE: usize = 3;
 const CLOSER: f64 = 5.0;
 /// Surfaces nearer to each other than this show each other's pixels. units: of the model's size
 const TIE: f64 = 1e-6;
-/// Pixels that cannot be seen into from the side are not asked for more: directions that a ball is looked for in.
+/// Directions that a ball is looked for in.
 const BALLS: u64 = 400;
 
 /// A triangle as it is looked at.
@@ -115,8 +115,8 @@ pub struct Picture {
     pub first: Vec<u32>,
     /// Bits of which something that shows there lacks.
     pub missed: Vec<u32>,
-    /// Those of which something transparent lacks.
-    missed_transparent: Vec<u32>,
+    /// How far away the first transparent thing is that some bit lacks. units: of the model's frame
+    missed_depth: Vec<f64>,
 }
 
 impl View {
@@ -144,7 +144,7 @@ impl View {
             depth: vec![f64::INFINITY; count],
             first: vec![u32::MAX; count],
             missed: vec![0; count],
-            missed_transparent: vec![0; count],
+            missed_depth: vec![f64::INFINITY; count],
         };
         let tie = TIE * extent;
         for (number, triangle) in triangles.iter().enumerate() {
@@ -174,15 +174,15 @@ impl View {
             self.draw(triangle, |at, depth| {
                 if depth < picture.depth[at] - tie {
                     seen[number] = true;
-                    picture.missed_transparent[at] |= missing[number];
+                    picture.missed[at] |= missing[number];
+                    if missing[number] != 0 {
+                        picture.missed_depth[at] = picture.missed_depth[at].min(depth);
+                    }
                     if picture.first[at] == u32::MAX {
                         picture.first[at] = number as u32;
                     }
                 }
             });
-        }
-        for (all, transparent) in picture.missed.iter_mut().zip(&picture.missed_transparent) {
-            *all |= transparent;
         }
         picture
     }
@@ -225,12 +225,9 @@ impl View {
     /// anything: then it is seen through an opening as wide as the ball. Errs towards no only where the ball would have to
     /// come from the side.
     pub fn is_wide_open(&self, picture: &Picture, at: usize, radius: f64) -> bool {
-        if picture.missed_transparent[at] != 0 {
-            return true;
-        }
         let size = self.size as i64;
         let (px, py) = ((at as i64) % size, (at as i64) / size);
-        let depth = picture.depth[at];
+        let depth = picture.depth[at].min(picture.missed_depth[at]);
         let reach = (radius / self.pixel).ceil() as i64 + 1;
         let mut lot = Lot(at as u64);
         (0..BALLS).any(|_| {
