@@ -326,12 +326,12 @@ fn timed(offline: &mut Offline) -> f64 {
     start.elapsed().as_secs_f64() * 1e3
 }
 
-/// Steps until there is a result. Returns the times of the frames. units: ms
-fn until_culled(offline: &mut Offline) -> Result<Vec<f64>, InteriorExampleError> {
+/// Steps until there is a result. Returns the times of the frames by what went on in them. units: ms
+fn until_culled(offline: &mut Offline) -> Result<Vec<(String, Vec<f64>)>, InteriorExampleError> {
     let start = Instant::now();
-    let (mut times_ms, mut last) = (Vec::new(), String::new());
+    let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
     loop {
-        times_ms.push(timed(offline));
+        let time_ms = timed(offline);
         let state = offline
             .app
             .world()
@@ -339,12 +339,15 @@ fn until_culled(offline: &mut Offline) -> Result<Vec<f64>, InteriorExampleError>
             .interior()
             .to_string();
         let stage = state.split(',').next().unwrap_or_default();
-        if stage != last {
-            println!("  {:.1} s: {state}", start.elapsed().as_secs_f64());
-            last = stage.to_owned();
-        }
         if state.contains("are hidden") {
-            return Ok(times_ms);
+            return Ok(stages);
+        }
+        match stages.last_mut() {
+            Some((last, times_ms)) if last == stage => times_ms.push(time_ms),
+            _ => {
+                println!("  {:.1} s: {state}", start.elapsed().as_secs_f64());
+                stages.push((stage.to_owned(), vec![time_ms]));
+            }
         }
         if start.elapsed() > PATIENCE {
             return Err(InteriorExampleError::NotCulled(state));
@@ -403,9 +406,18 @@ fn time_frames(
     report("before", some(&mut offline));
     offline.app.world_mut().entity_mut(root).insert(settings);
     let start = Instant::now();
-    let times_ms = until_culled(&mut offline)?;
+    let stages = until_culled(&mut offline)?;
     println!("culled after {:.1} s", start.elapsed().as_secs_f64());
-    report("while", times_ms);
+    for (stage, times_ms) in &stages {
+        report(&format!("  while {stage}"), times_ms.clone());
+    }
+    report(
+        "while",
+        stages
+            .into_iter()
+            .flat_map(|(_, times_ms)| times_ms)
+            .collect(),
+    );
     report("after", some(&mut offline));
     println!("{}", offline.app.world().resource::<Effects>().interior());
     offline
