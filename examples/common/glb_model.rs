@@ -143,22 +143,28 @@ impl ModelData {
                 drawn: Some((model.meshes.len() - 1, material)),
             });
         };
-        // Walls of finite thickness, whose inner sides nobody sees; the last is the window.
-        for (axis, material) in [
-            Vec3::X,
-            Vec3::NEG_X,
-            Vec3::Y,
-            Vec3::NEG_Y,
-            Vec3::NEG_Z,
-            Vec3::Z,
-        ]
-        .into_iter()
-        .zip([0, 0, 0, 0, 0, 3])
-        {
-            let wall = Cuboid::new(10.0, 0.4, 10.0).mesh().build();
-            let place = Transform::from_translation(axis * 4.8)
-                .with_rotation(Quat::from_rotation_arc(Vec3::Y, axis));
-            add(&mut model, wall, material, place);
+        // Walls of some thickness, whose inner sides nobody sees; a quarter of the front is a window, and what is behind
+        // that is parted from the rest.
+        let walls = [
+            ([0.4, 10.0, 10.0], [-4.8, 0.0, 0.0], 0),
+            ([0.4, 10.0, 10.0], [4.8, 0.0, 0.0], 0),
+            ([10.0, 0.4, 10.0], [0.0, -4.8, 0.0], 0),
+            ([10.0, 0.4, 10.0], [0.0, 4.8, 0.0], 0),
+            ([10.0, 10.0, 0.4], [0.0, 0.0, -4.8], 0),
+            ([10.0, 5.0, 0.4], [0.0, -2.5, 4.8], 0),
+            ([5.0, 5.0, 0.4], [-2.5, 2.5, 4.8], 0),
+            ([5.0, 5.0, 0.4], [2.5, 2.5, 4.8], 3),
+            ([0.06, 5.0, 10.0], [0.0, 2.5, 0.0], 0),
+            ([5.0, 0.06, 10.0], [2.5, 0.0, 0.0], 0),
+        ];
+        for (size, at, material) in walls {
+            let wall = Cuboid::from_size(size.into()).mesh().build();
+            add(
+                &mut model,
+                wall,
+                material,
+                Transform::from_translation(at.into()),
+            );
         }
         for i in 0..count {
             let at = |i: usize| (i as f32 - 3.5) * 1.1;

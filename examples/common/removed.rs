@@ -37,6 +37,7 @@ pub struct Removed {
 }
 
 /// A triangle where it stands, and whether it was removed.
+#[derive(Clone, Copy)]
 struct Triangle {
     corners: [Vec3; 3],
     normals: [Vec3; 3],
@@ -55,11 +56,6 @@ impl Removed {
                 (low.min(at), high.max(at))
             });
         let middle = 0.5 * (low + high);
-        // Away goes the quarter that faces the camera.
-        let is_behind = |triangle: &&Triangle| {
-            let at = triangle.corners.iter().sum::<Vec3>() / 3.0;
-            at.x < middle.x || at.z < middle.z
-        };
         let blue = StandardMaterial {
             base_color: Color::srgba(0.2, 0.4, 0.95, 0.12),
             alpha_mode: AlphaMode::Blend,
@@ -79,24 +75,27 @@ impl Removed {
             double_sided: true,
             ..default()
         };
-        let mut add = |triangles: Vec<&Triangle>, material: &StandardMaterial, is_painted: bool| {
-            let mesh = mesh(&triangles, is_painted);
+        let mut add = |triangles: &[Triangle], material: &StandardMaterial, is_painted: bool| {
+            let mesh = mesh(triangles, is_painted);
             let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
             let material = world
                 .resource_mut::<Assets<StandardMaterial>>()
                 .add(material.clone());
             world.spawn((Mesh3d(mesh), MeshMaterial3d(material))).id()
         };
-        let seen = || triangles.iter().filter(|triangle| !triangle.is_removed);
-        let removed = || triangles.iter().filter(|triangle| triangle.is_removed);
+        let (removed, seen): (Vec<_>, Vec<_>) = triangles
+            .into_iter()
+            .partition(|triangle| triangle.is_removed);
+        let cut = |all: &[Triangle]| -> Vec<Triangle> {
+            all.iter()
+                .flat_map(|triangle| triangle.cut(middle))
+                .collect()
+        };
         Self {
-            whole: vec![
-                add(seen().collect(), &blue, false),
-                add(removed().collect(), &red, false),
-            ],
+            whole: vec![add(&seen, &blue, false), add(&removed, &red, false)],
             cut: vec![
-                add(seen().filter(is_behind).collect(), &own, true),
-                add(removed().filter(is_behind).collect(), &red, false),
+                add(&cut(&seen), &own, true),
+                add(&cut(&removed), &red, false),
             ],
         }
     }
@@ -119,6 +118,43 @@ impl Removed {
             world.despawn(entity);
         }
     }
+}
+
+impl Triangle {
+    /// What is left of it when the quarter that faces the camera is taken away: where x and z are above the middle's.
+    fn cut(&self, middle: Vec3) -> Vec<Self> {
+        let corners = [0, 1, 2].map(|i| (self.corners[i], self.normals[i]));
+        let left = clip(&corners, |at| middle.x - at.x);
+        let right = clip(&corners, |at| at.x - middle.x);
+        let behind = clip(&right, |at| middle.z - at.z);
+        let fans = [left, behind];
+        let fans = fans
+            .iter()
+            .flat_map(|fan| (2..fan.len()).map(|i| [fan[0], fan[i - 1], fan[i]]));
+        fans.map(|three| Self {
+            corners: three.map(|(at, _)| at),
+            normals: three.map(|(_, normal)| normal),
+            ..*self
+        })
+        .collect()
+    }
+}
+
+/// What of a polygon of places and normals is where a linear function is not negative.
+fn clip(corners: &[(Vec3, Vec3)], inside: impl Fn(Vec3) -> f32) -> Vec<(Vec3, Vec3)> {
+    let mut left = Vec::new();
+    for (i, &(at, normal)) in corners.iter().enumerate() {
+        let (next, next_normal) = corners[(i + 1) % corners.len()];
+        let (here, there) = (inside(at), inside(next));
+        if here >= 0.0 {
+            left.push((at, normal));
+        }
+        if (here >= 0.0) != (there >= 0.0) {
+            let part = here / (here - there);
+            left.push((at.lerp(next, part), normal.lerp(next_normal, part)));
+        }
+    }
+    left
 }
 
 fn collect(world: &World, parts: &[Original]) -> Vec<Triangle> {
@@ -145,7 +181,11 @@ fn collect(world: &World, parts: &[Original]) -> Vec<Triangle> {
                     .map(|(corners, _)| bits(corners))
                     .collect()
             });
-        let colour = part.colour.to_linear().to_f32_array();
+        // Blue-grey, so that red is what was removed.
+        let bright = 0.15 + 0.7 * part.colour.luminance().sqrt();
+        let colour = Color::srgb(0.72 * bright, 0.82 * bright, bright)
+            .to_linear()
+            .to_f32_array();
         for (local, normals) in corners(whole) {
             let is_removed = is_hidden
                 || kept
@@ -200,13 +240,9 @@ fn corners(mesh: &Mesh) -> Vec<(Corners, Corners)> {
     indices.chunks_exact(3).filter_map(three).collect()
 }
 
-fn mesh(triangles: &[&Triangle], is_painted: bool) -> Mesh {
+fn mesh(triangles: &[Triangle], is_painted: bool) -> Mesh {
     let of = |pick: fn(&Triangle) -> [Vec3; 3]| -> Vec<[f32; 3]> {
-        triangles
-            .iter()
-            .flat_map(|triangle| pick(triangle))
-            .map(Vec3::into)
-            .collect()
+        triangles.iter().flat_map(pick).map(Vec3::into).collect()
     };
     let mut mesh = Mesh::new(
         PrimitiveTopology::TriangleList,

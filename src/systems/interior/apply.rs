@@ -138,8 +138,8 @@ fn visible(is_shown: bool) -> InheritedVisibility {
 
 /// Hides and trims what was found to be hidden, some of it a frame: on the way the picture from outside is the same.
 pub fn hide_parts(mut models: ResMut<InteriorModels>, mut parts: Parts, mut commands: Commands) {
-    let slice = Slice::begin();
     let models = &mut *models;
+    let slice = Slice::begin_after(models.cpu_ms);
     for job in models.jobs.values_mut() {
         let Step::Hide(done) = job.step else {
             continue;
@@ -164,7 +164,7 @@ pub fn hide_parts(mut models: ResMut<InteriorModels>, mut parts: Parts, mut comm
             Step::Hide(next)
         };
     }
-    models.cpu_ms += slice.spent_ms();
+    models.cpu_ms = slice.spent_ms();
 }
 
 /// By part, whether it can be hidden: nothing of it is seen, nor of anything below it.

@@ -3,17 +3,17 @@
 //!
 //! | Step | Where | On the main thread |
 //! |---|---|---|
-//! | the model is looked through until all is loaded and still | [`walk`], [`node`] | in slices |
-//! | positions and indices are copied | [`gather`] | in slices |
-//! | it is culled, and what of each mesh stays is worked out | [`work`] | – |
-//! | trimmed meshes are made of what stays | [`build`] | in slices |
+//! | the model is looked through until all is loaded and still | `walk`, `node` | in slices |
+//! | positions and indices are copied | `gather` | in slices |
+//! | it is culled, and what of each mesh stays is worked out | `work` | – |
+//! | trimmed meshes are made of what stays | `build` | in slices |
 //! | nodes are hidden, trimmed meshes shown | [`apply`] | in slices |
 //! | whatever could uncover something is noticed, and all restored | [`watch`], [`apply`] | in the very frame |
 //!
 //! A slice is a millisecond a frame, all models together; one model at a time is copied and worked on. Nothing is read
 //! out of a mesh in one go, as one of a million triangles takes longer than a frame to copy.
 //!
-//! What is found is kept for models that are the same ([`store`]) while any model asks for interior culling, and trimmed
+//! What is found is kept for models that are the same (`store`) while any model asks for interior culling, and trimmed
 //! meshes while they are shown. With the last [`InteriorCulling`] nothing is held.
 
 pub mod advance;

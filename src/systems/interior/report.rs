@@ -89,10 +89,10 @@ pub fn report_interior(
     let activity = entry.activity();
     if activity.what != *words {
         activity.what.clone_from(&words);
+        activity.gpu_ms = None;
+        activity.bytes = models.store.trimmed().map(|trimmed| trimmed.bytes).sum();
     }
     activity.cpu_ms = models.cpu_ms;
-    activity.gpu_ms = None;
-    activity.bytes = models.store.trimmed().map(|trimmed| trimmed.bytes).sum();
 }
 
 fn rank(step: &Step) -> u32 {

@@ -15,8 +15,15 @@ pub(super) struct Slice {
 
 impl Slice {
     pub fn begin() -> Self {
+        Self::begin_after(0.0)
+    }
+
+    /// What is left of one, of which so much is spent. units: ms
+    pub fn begin_after(spent_ms: f32) -> Self {
+        let spent = Duration::from_secs_f32(spent_ms.max(0.0) * 1e-3);
+        let now = Instant::now();
         Self {
-            began: Instant::now(),
+            began: now.checked_sub(spent).unwrap_or(now),
         }
     }
 
@@ -24,7 +31,7 @@ impl Slice {
         self.began.elapsed() >= Duration::from_millis(SLICE_MS)
     }
 
-    /// units: ms
+    /// Since it began, what was spent before included. units: ms
     pub fn spent_ms(&self) -> f32 {
         self.began.elapsed().as_secs_f32() * 1e3
     }

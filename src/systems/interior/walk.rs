@@ -197,7 +197,9 @@ impl Walk {
     /// Says what is next.
     pub fn finish(self, job: &mut Job, ground: &Ground, commands: &mut Commands) -> Step {
         for entity in core::mem::take(&mut job.stale) {
-            if !job.index.contains_key(&entity) {
+            // It may be another model's by now.
+            let part = ground.nodes.get(entity).ok().and_then(|item| item.part);
+            if !job.index.contains_key(&entity) && part.is_some_and(|part| part.root == job.root) {
                 commands.entity(entity).try_remove::<PartOf>();
             }
         }

@@ -98,11 +98,9 @@ pub fn follow_roots(
             job.layers = layers;
             job.is_disturbed = true;
         }
-        if job
-            .depends_on_root
-            .is_some_and(|was_shown| was_shown != is_shown(root, &above))
-        {
-            job.is_disturbed = true;
+        if let Some(was_shown) = &mut job.depends_on_root {
+            let is_shown = is_shown(root, &above);
+            job.is_disturbed |= core::mem::replace(was_shown, is_shown) != is_shown;
         }
     }
 }
