@@ -53,7 +53,7 @@ pub use error::InteriorError;
 pub use gpu::{FieldDevice, FieldOrigin, InteriorGpu, InteriorGpuError};
 pub use model::{Model, Part, Surface};
 pub use progress::{Progress, Stage};
-pub use settings::{Faces, Grid, InteriorCulling, Level, Mode, Transparent};
+pub use settings::{Faces, FieldBy, Grid, InteriorCulling, Level, Mode, Transparent};
 
 /// A surface blocks a step that it comes within so much of, in every axis. units: spacings
 pub const SEAL: f64 = 1.0 / 16.0;

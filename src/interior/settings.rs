@@ -49,6 +49,8 @@ pub struct InteriorCulling {
     pub transparent: Transparent,
     /// Whether one-sided materials are seen through from behind.
     pub faces: Faces,
+    /// Where the directed distance field is made; what is found is the same.
+    pub field: FieldBy,
     /// How much memory it may take. default: 1024, units: MiB
     pub memory_mib: u32,
 }
@@ -61,6 +63,7 @@ impl Default for InteriorCulling {
             mode: Mode::default(),
             transparent: Transparent::default(),
             faces: Faces::default(),
+            field: FieldBy::default(),
             memory_mib: 1024,
         }
     }
@@ -125,4 +128,15 @@ pub enum Faces {
     AsDrawn,
     /// They hide from both sides (P5a).
     TwoSided,
+}
+
+/// Where the directed distance field is made; see [`gpu`](super::gpu).
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Clone, Debug, PartialEq, Hash)]
+pub enum FieldBy {
+    /// On threads of the lowest priority, which frames do not wait for.
+    #[default]
+    Cpu,
+    /// On the app's GPU, beside its frames; on the CPU if that fails.
+    Gpu,
 }

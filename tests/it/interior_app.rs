@@ -251,6 +251,31 @@ fn triangles(mesh: &Mesh) -> usize {
 }
 
 #[test]
+fn a_field_made_by_the_apps_gpu_hides_the_same() {
+    let Some(mut scene) = Scene::new() else {
+        return;
+    };
+    let (whole, ball) = (
+        scene.add_mesh(shell()),
+        scene.add_mesh(Sphere::new(0.4).mesh().build()),
+    );
+    let hull = scene.part(&whole, Vec3::ZERO);
+    let inside = scene.part(&ball, Vec3::new(0.1, 0.0, 0.0));
+    scene.cull(settings());
+    let by_cpu = scene.counts();
+    let root = scene.root;
+    scene.offline.app.world_mut().entity_mut(root).remove::<InteriorCulling>();
+    scene.frames(2);
+    assert!(!scene.is_hidden(inside));
+    scene.cull(InteriorCulling {
+        field: FieldBy::Gpu,
+        ..settings()
+    });
+    assert!(scene.is_hidden(inside) && !scene.is_hidden(hull));
+    assert_eq!(scene.counts(), by_cpu);
+}
+
+#[test]
 fn what_is_inside_is_hidden_and_trimmed_and_restored() {
     let Some(mut scene) = Scene::new() else {
         return;

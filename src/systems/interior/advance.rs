@@ -15,7 +15,10 @@ use super::{
     watch::{AboveQuery, is_shown},
     work::{Input, InputPart, Output, Work},
 };
-use crate::render_graph::trimmed::MeshUploads;
+use crate::{
+    interior::{FieldBy, InteriorGpu},
+    render_graph::trimmed::MeshUploads,
+};
 
 /// Whether a model can go on in this frame.
 #[derive(PartialEq, Eq)]
@@ -41,6 +44,7 @@ pub fn advance_models(
         turn,
         store,
         uploads,
+        gpu,
         ..
     } = models;
     for job in jobs.values_mut() {
@@ -81,7 +85,7 @@ pub fn advance_models(
                     if *turn.get_or_insert(job.root) != job.root {
                         break;
                     }
-                    let next = take_turn(job, store, uploads, &mut meshes, &slice);
+                    let next = take_turn(job, store, uploads, gpu.as_ref(), &mut meshes, &slice);
                     if matches!(job.step, Step::Hide(_) | Step::Failed(_) | Step::Still(_)) {
                         *turn = None;
                         uploads.clear();
@@ -102,6 +106,7 @@ fn take_turn(
     job: &mut Job,
     store: &mut Store,
     uploads: &MeshUploads,
+    gpu: Option<&InteriorGpu>,
     meshes: &mut ResMut<Assets<Mesh>>,
     slice: &Slice,
 ) -> Next {
@@ -123,7 +128,7 @@ fn take_turn(
                 Ok(true) => {
                     let raws = core::mem::take(gather).finish();
                     let content = Content::of(job);
-                    job.step = match Work::begin(content, input(job, raws)) {
+                    job.step = match Work::begin(content, input(job, raws, gpu)) {
                         Ok(work) => Step::Work(work),
                         Err(why) => Step::Failed(why),
                     };
@@ -180,9 +185,10 @@ fn adopt(job: &mut Job, found: &Arc<Found>, store: &Store) -> bool {
     has_all
 }
 
-fn input(job: &Job, raws: Vec<super::gather::Raw>) -> Input {
+fn input(job: &Job, raws: Vec<super::gather::Raw>, gpu: Option<&InteriorGpu>) -> Input {
     Input {
         settings: job.settings.clone(),
+        gpu: gpu.filter(|_| job.settings.field == FieldBy::Gpu).cloned(),
         raws,
         parts: job
             .parts

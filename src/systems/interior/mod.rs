@@ -30,11 +30,14 @@ pub mod watch;
 mod work;
 
 use bevy::{
-    asset::AssetEventSystems, camera::visibility::VisibilitySystems, ecs::system::SystemParam,
+    asset::AssetEventSystems,
+    camera::visibility::VisibilitySystems,
+    ecs::system::SystemParam,
     prelude::*,
+    render::renderer::{RenderDevice, RenderQueue},
 };
 
-use crate::interior::InteriorCulling;
+use crate::interior::{InteriorCulling, InteriorGpu};
 use models::InteriorModels;
 
 /// What follows the models and hides what is hidden in them; in `PostUpdate`. What moves parts or changes meshes comes
@@ -109,9 +112,21 @@ pub(crate) fn register(app: &mut App) {
 
 /// The render world's side, once it is there.
 pub(crate) fn finish(app: &mut App) {
-    let Some(models) = app.world().get_resource::<InteriorModels>() else {
+    let gpu = app_gpu(app.world());
+    let Some(mut models) = app.world_mut().get_resource_mut::<InteriorModels>() else {
         return;
     };
+    models.gpu = gpu;
     let uploads = models.uploads.clone();
     crate::render_graph::trimmed::add(app, &uploads);
+}
+
+/// Handles to what the app draws with: they hold nothing of their own.
+fn app_gpu(world: &World) -> Option<InteriorGpu> {
+    let device = world.get_resource::<RenderDevice>()?;
+    let queue: &wgpu::Queue = world.get_resource::<RenderQueue>()?;
+    Some(InteriorGpu::new(
+        device.wgpu_device().clone(),
+        queue.clone(),
+    ))
 }

@@ -19,7 +19,7 @@ use super::{
     work::Work,
 };
 use crate::{
-    interior::{InteriorCounts, InteriorCulling},
+    interior::{InteriorCounts, InteriorCulling, InteriorGpu},
     render_graph::trimmed::MeshUploads,
 };
 
@@ -56,6 +56,8 @@ pub struct InteriorModels {
     pub(super) turn: Option<Entity>,
     pub(super) store: Store,
     pub(super) uploads: MeshUploads,
+    /// The app's, where it has one.
+    pub(super) gpu: Option<InteriorGpu>,
     pub(super) frame: u32,
     /// Time spent in this frame, in the systems up to `hide_parts`. units: ms
     pub(super) cpu_ms: f32,

@@ -21,7 +21,8 @@ use super::{
     store::{Content, Found, Mask, is_set},
 };
 use crate::interior::{
-    self, InteriorCulling, InteriorError, Model, Progress, Surface, Verdict, cull,
+    self, FieldDevice, FieldOrigin, InteriorCulling, InteriorError, InteriorGpu, Model, Progress,
+    Surface, Verdict, cull_on,
 };
 
 /// Of so many cores one works in the background.
@@ -30,6 +31,8 @@ const CORES_A_THREAD: usize = 4;
 /// What the background is given.
 pub(super) struct Input {
     pub settings: InteriorCulling,
+    /// Makes the field, where it is asked to.
+    pub gpu: Option<InteriorGpu>,
     pub raws: Vec<Raw>,
     pub parts: Vec<InputPart>,
     /// By mesh, whether a trimmed one is to be made if need be.
@@ -136,6 +139,7 @@ fn threads() -> NonZero<usize> {
 fn work(input: Input, progress: &Progress) -> Result<Output, InteriorError> {
     let Input {
         settings,
+        gpu,
         raws,
         parts,
         wanted,
@@ -167,7 +171,11 @@ fn work(input: Input, progress: &Progress) -> Result<Output, InteriorError> {
             let model = Model {
                 parts: (0..).zip(&parts).map(part).collect(),
             };
-            let outcome = cull(&model, &settings, threads(), progress)?;
+            let device = gpu.as_ref().map_or(FieldDevice::Cpu, FieldDevice::Gpu);
+            let outcome = cull_on(device, &model, &settings, threads(), progress)?;
+            if let FieldOrigin::Fallback(why) = &outcome.field_origin {
+                warn!("interior culling made a distance field on the CPU: {why}");
+            }
             let can_trim = |mesh: usize| kinds[mesh].0 == PrimitiveTopology::TriangleList;
             Arc::new(union(&outcome, &parts, &surfaces, can_trim))
         }
