@@ -9,6 +9,7 @@ use bevy::{
     prelude::*,
 };
 use bevy_skyline::{
+    interior::FieldBy,
     offline::{Offline, scenes::compare::differing_px},
     prelude::*,
     systems::interior::models::{InteriorModels, PartOf},
@@ -264,8 +265,9 @@ fn a_field_made_by_the_apps_gpu_hides_the_same() {
     scene.cull(settings());
     let by_cpu = scene.counts();
     let root = scene.root;
-    scene.offline.app.world_mut().entity_mut(root).remove::<InteriorCulling>();
-    scene.frames(2);
+    scene.world().entity_mut(root).remove::<InteriorCulling>();
+    scene.step();
+    scene.step();
     assert!(!scene.is_hidden(inside));
     scene.cull(InteriorCulling {
         field: FieldBy::Gpu,
