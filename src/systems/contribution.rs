@@ -375,7 +375,12 @@ impl Judge<'_> {
 
     /// By its area, as far as it shows: that is looked up only where it decides.
     fn is_small(&self, slot: u32, area: f32, was_small: bool) -> bool {
-        let triangles = self.table.get(slot).map_or(0, |of| of.triangles);
+        // Only to a demand does it matter how many triangles there are.
+        let triangles = if self.demanded > 0.0 {
+            self.table.get(slot).map_or(0, |of| of.triangles)
+        } else {
+            0
+        };
         let least = (self.standard).least_px2(area, triangles, self.demanded, was_small);
         if area < least {
             return true;

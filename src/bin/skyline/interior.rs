@@ -115,6 +115,7 @@ impl InteriorArgs {
                 FacesFlag::TwoSided => Faces::TwoSided,
             },
             memory_mib: self.memory_mib,
+            ..InteriorCulling::default()
         }
     }
 

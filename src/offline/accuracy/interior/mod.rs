@@ -68,7 +68,7 @@ impl Plan {
             grids: vec![64, 128, 256, 512],
             views: 500,
             size: 512,
-            rays: (4, 64),
+            rays: (1, 64),
             rounds: 3,
             threads: threads(),
         }
@@ -81,7 +81,7 @@ impl Plan {
             grids: vec![32, 64, 128],
             views: 60,
             size: 256,
-            rays: (1, 32),
+            rays: (1, 24),
             rounds: 1,
             ..Self::full()
         }
