@@ -8,7 +8,7 @@
 //!    step from a point to a neighbour, set if a surface is in the way. On the CPU or the GPU ([`gpu`]), with the same bits.
 //! 3. **Front propagation** ([`front`]). From the outermost points, step by step where nothing is in the way: the points
 //!    that are *outside*.
-//! 4. **Extraction** ([`extract`]). [`Mode::Sampled`]: the surfaces that are met first on a step from an outside point to
+//! 4. **Extraction** (`extract.rs`). [`Mode::Sampled`]: the surfaces that are met first on a step from an outside point to
 //!    one that is not. [`Mode::Conservative`]: every triangle that comes within 1½ spacings, in every axis, of an outside
 //!    point.
 //!
@@ -22,9 +22,9 @@
 //! passes from being nearest to one point to being nearest to another, it is as near to all points of the face,
 //! edge or corner between them, and the steps among these points lie inside the ball of radius √3/2·s. What blocks a step
 //! comes within [`SEAL`]·s of it in every axis, hence within √3·[`SEAL`]·s, after having been moved by less than √3/512·s by
-//! snapping, and so within ρ of the ball's centre: it would have to be inside the ball, which cuts no surface. So the front passes wherever the ball does. Where
-//! the ball touches a triangle, the point nearest to its centre is within ½·s of the centre in every axis and the triangle
-//! within ρ < 0.99·s: within 1½ spacings, and extraction keeps the triangle. ∎
+//! snapping, and so within ρ of the ball's centre: it would have to be inside the ball, which cuts no surface. So the front
+//! passes wherever the ball does. Where the ball touches a triangle, the point nearest to its centre is within ½·s of the
+//! centre in every axis and the triangle within ρ < 0.99·s: within 1½ spacings, and extraction keeps the triangle. ∎
 //!
 //! The other way round: a crack narrower than 2·[`SEAL`] spacings lets nothing through, and two triangles that share an
 //! edge, or meet anywhere along it, leave no leak: what touches a step blocks it. Openings in between may do either.

@@ -9,7 +9,7 @@
 //! | `json.rs`, `extensions.rs` | the table of all references in it, and what is known about its extensions |
 //! | `accessor.rs` | its numbers, checked once |
 //! | `scene.rs` | where nodes stand, and which may move |
-//! | `read.rs` | to the [`Model`](crate::interior::Model) that is culled |
+//! | `read.rs` | to the [`Model`] that is culled |
 //! | `edit.rs`, `fresh.rs` | what is hidden taken out of nodes and meshes; their vertices and indices written anew |
 //! | `sweep.rs`, `pack.rs` | what nothing uses any more taken out, and the rest packed |
 //! | `images.rs`, `save.rs` | pictures that lay beside it, and the file that is written |

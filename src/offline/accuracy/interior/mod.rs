@@ -5,10 +5,10 @@
 //! everything two-sided). Two errors:
 //!
 //! - `false_cull_px`: pixels, in many views from outside, of which something that shows there was taken out
-//!   ([`views`]); `false_cull_px_in_gap`, of the default alone: those of them that a ball of the grid's gap can be brought
+//!   (`views.rs`); `false_cull_px_in_gap`, of the default alone: those of them that a ball of the grid's gap can be brought
 //!   to from the eye, which it guarantees to be none.
 //! - `kept_hidden`: share of the triangles that stay though nobody sees them: they show in no view, and no ray from them
-//!   gets out ([`truth`]); where it is known how a model was made, by that too.
+//!   gets out (`truth.rs`); where it is known how a model was made, by that too.
 
 mod machine;
 mod report;
