@@ -1,6 +1,9 @@
 //! The one integration-test binary. Tests that draw need a Vulkan device, a software one will do, and the
 //! features `cli` and `window` as `scripts/test.sh` sets them.
 
+#[cfg(feature = "cli")]
+#[path = "it/accuracy_interior.rs"]
+mod accuracy_interior;
 #[path = "it/allocations.rs"]
 mod allocations;
 #[cfg(feature = "cli")]

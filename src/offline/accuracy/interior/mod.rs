@@ -483,7 +483,11 @@ fn look(
 
 impl Looked {
     fn add(&mut self, view: &View, shown: &[Shown], missing: &[u32], gaps: &[Option<f64>]) {
-        let picture = view.look(shown, missing, self.extent, &mut self.seen);
+        let asked = (0..)
+            .zip(gaps)
+            .filter(|(_, gap)| gap.is_some())
+            .fold(0, |bits, (way, _)| bits | 1 << way);
+        let picture = view.look(shown, missing, asked, self.extent, &mut self.seen);
         let mut missed = vec![0; gaps.len()];
         for (at, bits) in picture.missed.iter().enumerate() {
             self.pixels += u64::from(picture.first[at] != u32::MAX);
@@ -492,7 +496,7 @@ impl Looked {
                 let way = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
                 missed[way] += 1;
-                let is_open = |gap| view.is_wide_open(&picture, at, gap / 2.0);
+                let is_open = |gap| view.is_wide_open(&picture, at, 1 << way, gap / 2.0);
                 self.missed_in_gap[way] += u64::from(gaps[way].is_some_and(is_open));
             }
         }

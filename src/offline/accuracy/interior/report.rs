@@ -87,7 +87,13 @@ pub(super) fn pictures(
         if Some(&grid) != plan.grids.first() || mode == "sampled" {
             continue;
         }
-        let picture = view.look(shown, missing, looked.extent, &mut vec![false; shown.len()]);
+        let picture = view.look(
+            shown,
+            missing,
+            0,
+            looked.extent,
+            &mut vec![false; shown.len()],
+        );
         let shaded = view.shade(shown, &picture, 1 << at);
         let what = format!(
             "{scene}, {mode} at {grid}: {missed} px lack something (red), the most of all views"

@@ -1,7 +1,10 @@
 //! What is seen of a model from outside, looked at from many sides: which triangle shows in each pixel, and which would
 //! be missed there.
 
-use bevy::math::{DVec2, DVec3, UVec2};
+use bevy::{
+    math::{DVec2, DVec3, UVec2},
+    platform::collections::HashMap,
+};
 
 use super::super::lot::Lot;
 use crate::interior::Model;
@@ -115,8 +118,9 @@ pub struct Picture {
     pub first: Vec<u32>,
     /// Bits of which something that shows there lacks.
     pub missed: Vec<u32>,
-    /// How far away the first transparent thing is that some bit lacks. units: of the model's frame
-    missed_depth: Vec<f64>,
+    /// How far away the first transparent thing is that lacks in a pixel in one of the bits asked about. units: of the
+    /// model's frame
+    missed_glass: HashMap<(usize, u32), f64>,
 }
 
 impl View {
@@ -130,12 +134,14 @@ impl View {
         )
     }
 
-    /// What shows; `missing[i]` has the bits in which triangle i lacks. Marks what shows in `seen`. `extent`: the model's
-    /// size, of which ties are a share.
+    /// What shows; `missing[i]` has the bits in which triangle i lacks, `asked` those that
+    /// [`is_wide_open`](Self::is_wide_open) will be asked about. Marks what shows in `seen`. `extent`: the model's size, of
+    /// which ties are a share.
     pub fn look(
         &self,
         triangles: &[Shown],
         missing: &[u32],
+        asked: u32,
         extent: f64,
         seen: &mut [bool],
     ) -> Picture {
@@ -144,7 +150,7 @@ impl View {
             depth: vec![f64::INFINITY; count],
             first: vec![u32::MAX; count],
             missed: vec![0; count],
-            missed_depth: vec![f64::INFINITY; count],
+            missed_glass: HashMap::default(),
         };
         let tie = TIE * extent;
         for (number, triangle) in triangles.iter().enumerate() {
@@ -175,8 +181,12 @@ impl View {
                 if depth < picture.depth[at] - tie {
                     seen[number] = true;
                     picture.missed[at] |= missing[number];
-                    if missing[number] != 0 {
-                        picture.missed_depth[at] = picture.missed_depth[at].min(depth);
+                    let mut bits = missing[number] & asked;
+                    while bits != 0 {
+                        let bit = bits & bits.wrapping_neg();
+                        bits &= bits - 1;
+                        let first = picture.missed_glass.entry((at, bit)).or_insert(depth);
+                        *first = first.min(depth);
                     }
                     if picture.first[at] == u32::MAX {
                         picture.first[at] = number as u32;
@@ -221,13 +231,14 @@ impl View {
         }
     }
 
-    /// Whether a ball of this radius can be brought straight from the eye to touch what shows in a pixel, without meeting
+    /// Whether a ball of this radius can be brought straight from the eye to touch what lacks in a pixel, without meeting
     /// anything: then it is seen through an opening as wide as the ball. Errs towards no only where the ball would have to
     /// come from the side.
-    pub fn is_wide_open(&self, picture: &Picture, at: usize, radius: f64) -> bool {
+    pub fn is_wide_open(&self, picture: &Picture, at: usize, bit: u32, radius: f64) -> bool {
         let size = self.size as i64;
         let (px, py) = ((at as i64) % size, (at as i64) / size);
-        let depth = picture.depth[at].min(picture.missed_depth[at]);
+        let depth = picture.missed_glass.get(&(at, bit));
+        let depth = depth.map_or(picture.depth[at], |depth| depth.min(picture.depth[at]));
         let reach = (radius / self.pixel).ceil() as i64 + 1;
         let mut lot = Lot(at as u64);
         (0..BALLS).any(|_| {
@@ -325,7 +336,7 @@ mod tests {
         let glass = wall(-1.0, 0.2, true, false);
         let triangles: Vec<_> = far.into_iter().chain(near).chain(glass).collect();
         let mut seen = vec![false; 6];
-        let picture = eye().look(&triangles, &[1, 1, 2, 2, 4, 4], 1.0, &mut seen);
+        let picture = eye().look(&triangles, &[1, 1, 2, 2, 4, 4], 0, 1.0, &mut seen);
         assert!(seen.iter().all(|seen| *seen));
         let count = |bit| {
             picture
@@ -348,14 +359,14 @@ mod tests {
             .chain(wall(1.0, 1.0, false, false))
             .collect();
         let mut seen = vec![false; 4];
-        eye().look(&triangles, &[0; 4], 1.0, &mut seen);
+        eye().look(&triangles, &[0; 4], 0, 1.0, &mut seen);
         assert_eq!(seen, [false, false, true, true]);
         let hidden: Vec<_> = wall(1.0, 0.5, false, false)
             .into_iter()
             .chain(wall(0.0, 1.0, false, true))
             .collect();
         let mut seen = vec![false; 4];
-        eye().look(&hidden, &[0; 4], 1.0, &mut seen);
+        eye().look(&hidden, &[0; 4], 0, 1.0, &mut seen);
         assert_eq!(seen, [false, false, true, true]);
     }
 
@@ -366,7 +377,7 @@ mod tests {
             .chain(wall(0.0, 1.0, false, false))
             .collect();
         let look = |missing: &[u32]| {
-            let picture = eye().look(&triangles, missing, 1.0, &mut [false; 4]);
+            let picture = eye().look(&triangles, missing, 0, 1.0, &mut [false; 4]);
             picture.missed.iter().filter(|missed| **missed != 0).count()
         };
         assert_eq!(look(&[1, 1, 0, 0]), 0);
@@ -394,10 +405,19 @@ mod tests {
         let view = eye();
         let missing = vec![0; triangles.len()];
         let mut seen = vec![false; triangles.len()];
-        let picture = view.look(&triangles, &missing, 1.0, &mut seen);
+        let picture = view.look(&triangles, &missing, 1, 1.0, &mut seen);
         let middle = (20 * 40 + 20) as usize;
-        assert!(view.is_wide_open(&picture, middle, 0.4));
-        assert!(!view.is_wide_open(&picture, middle, 0.8));
+        assert!(view.is_wide_open(&picture, middle, 1, 0.4));
+        // A pane that lacks in the hole can be touched by a ball that does not get through, in the bit in which it lacks.
+        triangles.extend(wall(-2.0, 0.4, true, false));
+        let missing: Vec<_> = (0..triangles.len())
+            .map(|i| if i < 10 { 2 } else { 1 })
+            .collect();
+        let mut seen = vec![false; triangles.len()];
+        let paned = view.look(&triangles, &missing, 3, 1.0, &mut seen);
+        assert!(view.is_wide_open(&paned, middle, 1, 0.8));
+        assert!(!view.is_wide_open(&paned, middle, 2, 0.8));
+        assert!(!view.is_wide_open(&picture, middle, 1, 0.8));
     }
 
     #[test]
