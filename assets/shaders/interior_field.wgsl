@@ -321,7 +321,7 @@ fn interior_field(@builtin(global_invocation_id) id: vec3<u32>) {
         edges_across(z, x, origin.zx, Wide3(normal.low.yyy, normal.high.yyy)),
         edges_across(x, y, origin.xy, Wide3(normal.low.zzz, normal.high.zzz)),
     );
-    // Steps that leave through the back of a one-sided triangle are free.
+    // Steps that come from behind a one-sided triangle are free.
     let is_zero = (normal.low | normal.high) == vec3(0u);
     let looks_down = is_negative(normal);
     let is_two_sided = vec3(pieces[id.x].is_two_sided != 0u);

@@ -2,7 +2,7 @@
 //! way.
 //!
 //! A triangle is in the way of a step if it comes within [`SEAL`](super::SEAL) spacings of it in every axis; a one-sided
-//! one only if the step does not leave through its back. The answer is exact in the lattice's integers: the same from
+//! one only if the step does not come from behind it. The answer is exact in the lattice's integers: the same from
 //! every device, in whatever order triangles come.
 
 use core::{

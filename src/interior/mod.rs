@@ -13,9 +13,10 @@
 //!    point.
 //!
 //! # What is guaranteed
-//! Let a *cell* be the model's longest side over [`Grid::Resolution`], and the *gap* √3 cells. By default
-//! ([`Mode::Conservative`], two-sided surfaces) **what a ball of the gap's diameter can touch, that comes from outside and
-//! on its way cuts no surface, stays.** So whatever can be seen through openings that let such a ball through stays.
+//! Let a *cell* be the model's longest side over [`Grid::Resolution`], and the *gap* √3 cells. With
+//! [`Mode::Conservative`] and two-sided surfaces **what a ball of the gap's diameter can touch, that comes from outside and
+//! on its way cuts no surface, stays.** What is seen but cannot be touched so, deep in a groove narrower than the gap for
+//! instance, may go.
 //!
 //! Why: let *s* be the spacing, and the ball's radius ρ = √3/2 cells = √3/2·(1 + 2·[`SEAL`] + 1/128)·s (this is how *s*
 //! follows from a cell). The point nearest to the ball's centre is at most √3/2·s from it. When the centre
@@ -26,7 +27,7 @@
 //! passes wherever the ball does. Where the ball touches a triangle, the point nearest to its centre is within ½·s of the
 //! centre in every axis and the triangle within ρ < 0.99·s: within 1½ spacings, and extraction keeps the triangle. ∎
 //!
-//! The other way round: a crack narrower than 2·[`SEAL`] spacings lets nothing through, and two triangles that share an
+//! The other way round: a crack narrower than 2·[`SEAL`] − 1/256 spacings lets nothing through, and two triangles that share an
 //! edge, or meet anywhere along it, leave no leak: what touches a step blocks it. Openings in between may do either.
 //!
 //! One-sided materials ([`Faces::AsDrawn`]) are seen through from behind, so a step is blocked only where it meets a front

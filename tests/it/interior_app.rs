@@ -262,19 +262,24 @@ fn a_field_made_by_the_apps_gpu_hides_the_same() {
     );
     let hull = scene.part(&whole, Vec3::ZERO);
     let inside = scene.part(&ball, Vec3::new(0.1, 0.0, 0.0));
-    scene.cull(settings());
-    let by_cpu = scene.counts();
-    let root = scene.root;
-    scene.world().entity_mut(root).remove::<InteriorCulling>();
-    scene.step();
-    scene.step();
-    assert!(!scene.is_hidden(inside));
-    scene.cull(InteriorCulling {
-        field: FieldBy::Gpu,
-        ..settings()
-    });
-    assert!(scene.is_hidden(inside) && !scene.is_hidden(hull));
-    assert_eq!(scene.counts(), by_cpu);
+    let by = |scene: &mut Scene, field| {
+        scene.cull(InteriorCulling {
+            field,
+            ..settings()
+        });
+        assert!(scene.is_hidden(inside) && !scene.is_hidden(hull));
+        let counts = scene.counts();
+        let root = scene.root;
+        scene.world().entity_mut(root).remove::<InteriorCulling>();
+        scene.step();
+        scene.step();
+        assert!(!scene.is_hidden(inside));
+        counts
+    };
+    let by_gpu = by(&mut scene, FieldBy::Gpu);
+    assert_eq!(by(&mut scene, FieldBy::Cpu), by_gpu);
+    // Once nothing is asked for any more the GPU is still the app's.
+    assert!(scene.world().resource::<InteriorModels>().has_gpu());
 }
 
 #[test]

@@ -74,6 +74,8 @@ pub fn restore_parts(
         // Nothing is held any more, not even memory for more.
         *models = InteriorModels {
             uploads: models.uploads.clone(),
+            // The app's own; nothing of it is held.
+            gpu: models.gpu.take(),
             ..default()
         };
     }

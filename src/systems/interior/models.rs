@@ -69,6 +69,11 @@ impl InteriorModels {
         self.jobs.is_empty() && self.leaving.is_empty() && self.store.is_empty()
     }
 
+    /// Whether the app has a GPU that fields can be made by.
+    pub fn has_gpu(&self) -> bool {
+        self.gpu.is_some()
+    }
+
     /// Trimmed meshes that are in use.
     pub fn trimmed_meshes(&self) -> usize {
         self.store.trimmed().count()
