@@ -139,7 +139,8 @@ fn plates(front: Front) -> Vec<Surface> {
     plates
 }
 
-fn cuboid(least: [f32; 3], greatest: [f32; 3]) -> Surface {
+/// A box from one corner to the other, outward.
+pub(super) fn cuboid(least: [f32; 3], greatest: [f32; 3]) -> Surface {
     let corners = [least, greatest];
     Surface {
         positions: (0..8)

@@ -177,31 +177,26 @@ fn meets_box(node: &Node, from: DVec3, inverse: DVec3) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::sync::Arc;
+
+    use bevy::math::DAffine3;
+
+    use super::{
+        super::{machine::cuboid, views::shown},
+        *,
+    };
+    use crate::interior::{Model, Part};
 
     /// A cube around the origin, outward.
-    fn cube(half: f64, is_two_sided: bool) -> Vec<Shown> {
-        let corner = |i: usize| {
-            DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64) * 2.0 * half - half
-        };
-        [
-            [0, 4, 6, 2],
-            [1, 3, 7, 5],
-            [0, 1, 5, 4],
-            [2, 6, 7, 3],
-            [0, 2, 3, 1],
-            [4, 5, 7, 6],
-        ]
-        .iter()
-        .flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]])
-        .map(|triangle| Shown {
-            corners: triangle.map(corner),
-            part: 0,
-            number: 0,
+    fn cube(half: f32, is_two_sided: bool) -> Vec<Shown> {
+        let part = Part {
+            node: 0,
+            surface: Arc::new(cuboid([-half; 3], [half; 3])),
+            model_from_local: DAffine3::IDENTITY,
             is_transparent: false,
             is_two_sided,
-        })
-        .collect()
+        };
+        shown(&Model { parts: vec![part] })
     }
 
     #[test]
