@@ -51,6 +51,9 @@ mod interior_app;
 #[cfg(feature = "cli")]
 #[path = "it/interior_field.rs"]
 mod interior_field;
+#[cfg(feature = "cli")]
+#[path = "it/interior_gltf.rs"]
+mod interior_gltf;
 #[path = "it/loader.rs"]
 mod loader;
 #[path = "it/occludee_meshes.rs"]
@@ -116,7 +119,15 @@ mod workload;
 /// A headless app, or `None` with the reason printed where this machine has no device at all.
 #[cfg(feature = "cli")]
 fn device() -> Option<bevy_skyline::offline::Offline> {
-    match bevy_skyline::offline::Offline::new() {
+    device_with(|_| {})
+}
+
+/// The same, with more in the app.
+#[cfg(feature = "cli")]
+fn device_with(
+    configure: impl FnOnce(&mut bevy::app::App),
+) -> Option<bevy_skyline::offline::Offline> {
+    match bevy_skyline::offline::Offline::with(configure) {
         Ok(offline) => Some(offline),
         Err(reason) => {
             println!("skipped: {reason}");

@@ -2,7 +2,7 @@
 
 use bevy::prelude::*;
 
-use super::settings::InteriorCulling;
+use super::settings::{FieldBy, InteriorCulling};
 use crate::systems::interior as systems;
 
 /// On an entity below a model's [`InteriorCulling`]: it and all below it are left alone. They are not hidden and not
@@ -25,8 +25,10 @@ pub struct InteriorCounts {
     pub triangles: u64,
     /// Of these, not drawn: in hidden nodes, or left out of meshes.
     pub hidden_triangles: u64,
-    /// What is seen through openings this wide stays. units: of the root's own space, in Bevy m
+    /// What a ball so wide can touch from outside stays. units: of the root's own space, in Bevy m
     pub gap: f32,
+    /// Where the distance field was made: what was asked for, or the CPU if the GPU could not.
+    pub field: FieldBy,
 }
 
 /// Registers types, resources and main-world systems.

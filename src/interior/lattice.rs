@@ -22,6 +22,9 @@ const MARGIN: f64 = 2.0;
 pub const REACH_UNITS: i32 = UNITS * 3 / 2;
 /// Coordinates stay below 2²⁰ units, so that products of three differences stay below 2⁶³.
 const MOST_POINTS: u32 = 4096;
+/// What is smaller than such a share of its distance from the origin is taken for that large: the finest units are then
+/// 2⁻²⁰ of it, some 10⁻¹⁴ of the coordinates, of which `f64` has 10⁻¹⁶. units: 1
+const POINT: f64 = 1e-8;
 /// The most that can be asked for.
 const MOST_CELLS: u32 = 3500;
 
@@ -51,8 +54,13 @@ impl Lattice {
         extra: u64,
     ) -> Result<Self, InteriorError> {
         let longest = (greatest - least).max_element();
-        // A model that is one point has no longest side; any spacing will do.
-        let longest = if longest > 0.0 { longest } else { 1.0 };
+        // A model that is one point has no longest side, or one lost in the rounding of where it is; any spacing will do
+        // that is not.
+        let grain = POINT * least.abs().max(greatest.abs()).max_element();
+        let longest = match longest.max(grain) {
+            0.0 => 1.0,
+            longest => longest,
+        };
         let around = |cell: f64| Self::around((least, greatest), cell / SPACINGS_IN_CELL);
         let cell = match settings.grid {
             Grid::Resolution(cells) if (1..=MOST_CELLS).contains(&cells) => {
@@ -119,7 +127,7 @@ impl Lattice {
         (words * 8.0 * size.y * size.z * arrays) as u64
     }
 
-    /// What is seen through openings this wide stays. units: of the model's frame
+    /// What a ball so wide can touch from outside stays. units: of the model's frame
     pub fn gap(&self) -> f64 {
         3f64.sqrt() * self.spacing * SPACINGS_IN_CELL
     }

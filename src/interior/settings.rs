@@ -51,7 +51,8 @@ pub struct InteriorCulling {
     pub faces: Faces,
     /// Where the directed distance field is made; what is found is the same.
     pub field: FieldBy,
-    /// How much memory it may take. default: 1024, units: MiB
+    /// How much memory lattice, field and snapped vertices may take. In an app the meshes' copies come to that, with
+    /// [`Mode::Sampled`] a record for each step at which a surface is met. default: 1024, units: MiB
     pub memory_mib: u32,
 }
 
@@ -75,7 +76,7 @@ impl Default for InteriorCulling {
 pub enum Grid {
     /// So many cells on the model's longest side. default: 256
     Resolution(u32),
-    /// What is seen through openings this wide stays. units: of the model's frame, in Bevy m
+    /// What a ball so wide can touch from outside stays. units: of the model's frame, in Bevy m
     Gap(f32),
 }
 

@@ -27,7 +27,7 @@
 //! | `extract_scales` | `ExtractSchedule` | – | – | lists the cameras that draw fewer pixels |
 //! | `scale_main_passes` | `Render` | `ExtractCommands` | `PrepareAssets`, `PrepareMeshes` | camera and view are extracted by then; all that looks at their viewports comes later |
 //! | `upscale` | `Core3d` | `MainPass`, `wireframe_3d` | `EarlyPostProcess` | what they draw is stretched; post-processing comes at full resolution |
-//! | `note_uploads` | `Render`, `PrepareAssets` | `prepare_assets::<RenderMesh>` | – | trimmed meshes are shown once they can be drawn |
+//! | `note_uploads` | `Render`, `PrepareAssets` | `prepare_assets::<RenderMesh>` | – | meshes of some triangles of others are shown once they can be drawn |
 //! | `unpack_bins` | `UnpackLateBins`, for each late view before any camera | – | – | a late view's draws need what Bevy unpacks for its own |
 //! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass`, the lights' late shadow passes | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; draw commands that the lights still need are not rebuilt before; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
 //! | `recheck::<WithoutPrepass>`, `build_late_main`, `late_opaque` | `Core3d`, `MainPass`, chained | `main_opaque_pass_3d` | `terrain_shade`, `main_transparent_pass_3d` | all that is drawn early is in the depth; pixels drawn late are not lit as terrain; transparency blends over them |
@@ -45,6 +45,7 @@ pub mod cascades;
 pub mod contribution;
 pub mod extract;
 pub mod height_mips;
+pub mod mesh_uploads;
 pub mod occludee_verdicts;
 pub mod occlusion;
 pub mod pipelines;
@@ -54,7 +55,6 @@ pub mod stats;
 pub mod subdivide;
 pub mod terrain;
 pub mod terrain_shadow;
-pub mod trimmed;
 pub mod upscale;
 pub mod view;
 

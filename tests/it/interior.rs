@@ -437,7 +437,9 @@ fn roll_ball(model: &Model, settings: &InteriorCulling, balls: usize, seed: u64)
     let mut touched = 0;
     for _ in 0..balls {
         let mut place = dice.way() * 6.0;
-        let mut way = (dice.place() * 0.9 - place).normalize();
+        // At a triangle, so that it touches that or another.
+        let (_, _, [a, b, c]) = triangles[(dice.roll() * triangles.len() as f64) as usize];
+        let mut way = ((a + b + c) / 3.0 - place).normalize();
         for step in 0..400 {
             let (distance, part, at) = nearest(place);
             let free = distance - radius;
@@ -486,7 +488,8 @@ proptest! {
     fn what_a_ball_touches_stays_for_any_soup(seed: u64, triangles in 1usize..80, resolution in 1u32..40) {
         let mut dice = Dice(seed);
         let model = model([dice.soup(triangles, true)]);
-        roll_ball(&model, &at(resolution), 25, seed);
+        let touched = roll_ball(&model, &at(resolution), 25, seed);
+        prop_assert!(touched >= 25, "touched {} times", touched);
     }
 }
 
@@ -736,6 +739,24 @@ fn far_from_the_origin_the_verdicts_are_the_same() {
     assert_eq!(near.parts, far.parts);
     assert_eq!(near.outside_points, far.outside_points);
     assert_eq!(near.parts[2], Verdict::Hidden);
+}
+
+#[test]
+fn a_model_smaller_than_the_rounding_of_where_it_is_stays() {
+    for (far, size) in [(1e9, 1e-4), (1e9, 1e-9), (1e12, 1.0), (1e3, 0.0)] {
+        for grid in [Grid::Resolution(3), Grid::Resolution(256), Grid::Gap(1e6)] {
+            let mut tiny = model([part(cube(1.0))]);
+            tiny.parts[0].model_from_local =
+                DAffine3::from_translation(DVec3::new(far, -far, 0.3 * far))
+                    * DAffine3::from_scale(DVec3::splat(size));
+            let settings = InteriorCulling {
+                grid,
+                ..Default::default()
+            };
+            let outcome = culled(&tiny, &settings);
+            assert_eq!(outcome.parts, [Verdict::Seen], "{size} at {far}, {grid:?}");
+        }
+    }
 }
 
 #[test]

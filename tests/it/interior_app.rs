@@ -277,7 +277,12 @@ fn a_field_made_by_the_apps_gpu_hides_the_same() {
         counts
     };
     let by_gpu = by(&mut scene, FieldBy::Gpu);
-    assert_eq!(by(&mut scene, FieldBy::Cpu), by_gpu);
+    assert_eq!(by_gpu.field, FieldBy::Gpu);
+    let by_cpu = InteriorCounts {
+        field: FieldBy::Cpu,
+        ..by_gpu
+    };
+    assert_eq!(by(&mut scene, FieldBy::Cpu), by_cpu);
     // Once nothing is asked for any more the GPU is still the app's.
     assert!(scene.world().resource::<InteriorModels>().has_gpu());
 }
@@ -397,8 +402,7 @@ fn work_in_the_background_ends_with_its_model() {
         scene.part(&ball, Vec3::new(i as f32 * 0.1, 0.0, 0.0));
     }
     let long = InteriorCulling {
-        grid: Grid::Resolution(1500),
-        memory_mib: 4096,
+        grid: Grid::Resolution(800),
         ..default()
     };
     let is_at_work = |state: &EffectState| {
@@ -686,6 +690,75 @@ fn meshes_are_waited_for_and_those_out_of_reach_left_alone() {
     assert!(!scene.is_hidden(inside));
     scene.until("are hidden");
     assert!(scene.is_hidden(inside));
+}
+
+#[test]
+fn a_mesh_that_comes_while_the_model_is_looked_through_is_not_waited_for() {
+    let Some(mut scene) = Scene::new() else {
+        return;
+    };
+    let late = scene
+        .world()
+        .resource_mut::<Assets<Mesh>>()
+        .reserve_handle();
+    let inside = scene.part(&late, Vec3::ZERO);
+    let outer = scene.add_mesh(cube(2.0));
+    scene.part(&outer, Vec3::ZERO);
+    // So many that it takes several frames; children are looked at in their order.
+    let root = scene.root;
+    let others = scene.world().spawn_batch(
+        (0..60_000).map(move |_| (Transform::default(), Visibility::default(), ChildOf(root))),
+    );
+    drop(others);
+    scene.begin(settings());
+    scene.until("looking through the model");
+    let arrived = scene
+        .world()
+        .resource_mut::<Assets<Mesh>>()
+        .insert(&late, cube(0.4));
+    arrived.expect("the handle is its own");
+    scene.step();
+    assert!(
+        scene.state().to_string().contains("looking through"),
+        "it was over too soon: {}",
+        scene.state()
+    );
+    scene.until("are hidden");
+    assert!(scene.is_hidden(inside));
+}
+
+#[test]
+fn a_lamp_hung_from_a_hidden_node_is_lit() {
+    let Some(mut scene) = Scene::new() else {
+        return;
+    };
+    let (outer, ball) = (scene.add_mesh(cube(2.0)), scene.add_mesh(cube(0.4)));
+    scene.part(&outer, Vec3::ZERO);
+    let inside = scene.part(&ball, Vec3::ZERO);
+    scene.cull(settings());
+    assert!(scene.is_hidden(inside));
+    let lamp = (Transform::default(), Visibility::default(), ChildOf(inside));
+    let lamp = scene.world().spawn(lamp).id();
+    let is_lit = |scene: &Scene| {
+        let world = scene.offline.app.world();
+        world.get::<InheritedVisibility>(lamp).unwrap().get()
+    };
+    scene.step();
+    assert!(is_lit(&scene) && !scene.is_hidden(inside));
+    scene.until("0 of 2 nodes");
+    assert!(is_lit(&scene));
+    // With the lamp gone it can be hidden again, and what only listens goes with the model.
+    scene.world().despawn(lamp);
+    for _ in 0..100 {
+        let root = scene.root;
+        let brief = scene.world().spawn((Transform::default(), ChildOf(root)));
+        let brief = brief.id();
+        scene.step();
+        scene.world().despawn(brief);
+    }
+    let root = scene.root;
+    scene.world().entity_mut(root).remove::<InteriorCulling>();
+    scene.nothing_is_held();
 }
 
 #[test]

@@ -10,7 +10,7 @@ use bevy::{
 use bevy_skyline::{
     interior::{
         FieldDevice, FieldOrigin, InteriorCulling, InteriorGpu, InteriorGpuError, Level, Mode,
-        Model, Part, Progress, Surface, Transparent, Verdict, cull, cull_on,
+        Model, Part, Progress, Stage, Surface, Transparent, Verdict, cull, cull_on,
         field::Field,
         gpu::INTERIOR_FIELD_WGSL,
         lattice::{Lattice, UNITS},
@@ -769,15 +769,38 @@ fn verdicts_are_the_same_wherever_the_field_was_made() {
 fn a_culling_on_the_gpu_can_be_stopped() {
     let Some(gpu) = Gpu::new() else { return };
     let interior = gpu.interior();
+    // So much that it takes seconds, in many slabs.
+    let mut model = model(&mut Random(7));
+    let parts = model.parts.clone();
+    for _ in 0..40 {
+        model.parts.extend(parts.iter().cloned());
+    }
+    let settings = InteriorCulling {
+        grid: bevy_skyline::interior::Grid::Resolution(400),
+        ..Default::default()
+    };
+    let threads = NonZero::<usize>::MIN;
+    let (lattice, _) =
+        bevy_skyline::interior::distance_field(&model, &settings, threads, &Progress::default())
+            .expect("it can be made");
+    let small = one_layer(&interior, &lattice);
     let progress = Progress::default();
-    progress.cancel();
-    let stopped = cull_on(
-        FieldDevice::Gpu(&interior),
-        &model(&mut Random(7)),
-        &InteriorCulling::default(),
-        NonZero::<usize>::MIN,
-        &progress,
-    );
+    let stopped = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !matches!(progress.now(), (Stage::Field, done) if done > 0.0) {
+                std::thread::yield_now();
+            }
+            progress.cancel();
+        });
+        cull_on(
+            FieldDevice::Gpu(&small),
+            &model,
+            &settings,
+            threads,
+            &progress,
+        )
+    });
+    assert_eq!(progress.now().0, Stage::Field);
     assert!(matches!(
         stopped,
         Err(bevy_skyline::interior::InteriorError::Cancelled)

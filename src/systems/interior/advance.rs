@@ -6,18 +6,20 @@ use bevy::prelude::*;
 
 use super::{
     build::Build,
-    gather::Gather,
     models::{InteriorModels, Job, Step},
     node::NodeQuery,
-    slice::Slice,
     store::{Content, Found, Store},
     walk::{Ground, Walk},
     watch::{AboveQuery, is_shown},
     work::{Input, InputPart, Output, Work},
 };
 use crate::{
-    interior::{FieldBy, InteriorGpu},
-    render_graph::trimmed::MeshUploads,
+    interior::InteriorGpu,
+    render_graph::mesh_uploads::{Asker, MeshUploads},
+    systems::{
+        gather::{Gather, Raw},
+        slice::Slice,
+    },
 };
 
 /// Whether a model can go on in this frame.
@@ -88,7 +90,7 @@ pub fn advance_models(
                     let next = take_turn(job, store, uploads, gpu.as_ref(), &mut meshes, &slice);
                     if matches!(job.step, Step::Hide(_) | Step::Failed(_) | Step::Still(_)) {
                         *turn = None;
-                        uploads.clear();
+                        uploads.clear(Asker::Interior);
                     }
                     next
                 }
@@ -144,10 +146,11 @@ fn take_turn(
             };
             let content = work.content.clone();
             match result {
-                Ok(Output { found, trims }) => {
+                Ok(Output { found, mut trims }) => {
                     store.keep(content, found.clone());
-                    // What others use already is not among the trims.
                     adopt(job, &found, store);
+                    // What others use already is not made again.
+                    trims.retain(|trim| job.trimmed[trim.mesh as usize].is_none());
                     job.found = Some(found);
                     job.step = Step::Build(Build::new(trims));
                     Next::Again
@@ -185,10 +188,10 @@ fn adopt(job: &mut Job, found: &Arc<Found>, store: &Store) -> bool {
     has_all
 }
 
-fn input(job: &Job, raws: Vec<super::gather::Raw>, gpu: Option<&InteriorGpu>) -> Input {
+fn input(job: &Job, raws: Vec<Raw>, gpu: Option<&InteriorGpu>) -> Input {
     Input {
         settings: job.settings.clone(),
-        gpu: gpu.filter(|_| job.settings.field == FieldBy::Gpu).cloned(),
+        gpu: gpu.cloned(),
         raws,
         parts: job
             .parts

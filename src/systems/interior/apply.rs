@@ -3,57 +3,48 @@
 //! # How a node is hidden
 //! Its `InheritedVisibility` is held at hidden. That is what cameras and the shadow views of lights ask first, so it is
 //! drawn in none, and costs nothing in any frame; and what is hidden inside casts no shadow that the walls around it do
-//! not. Its `Visibility` is the user's: it is neither read back nor written, and takes effect as ever once the node is
-//! restored. Below a hidden node Bevy would hide what inherits, so that only those nodes are hidden below which all is
-//! hidden too.
+//! not. Its `Visibility` is the user's: it keeps its value, and is marked as changed when the node is restored, so that
+//! Bevy says anew what is shown, there and below. Below a hidden node Bevy would hide what inherits, so that only those
+//! nodes are hidden below which all is hidden too.
 
 use bevy::prelude::*;
 
-use super::{
-    models::{InteriorModels, Job, PartOf, Shown, Step},
-    slice::Slice,
-};
-use crate::interior::InteriorCounts;
+use super::models::{InteriorModels, Job, PartOf, Shown, Step};
+use crate::{interior::InteriorCounts, render_graph::mesh_uploads::Asker, systems::slice::Slice};
 
 /// So many parts are done before the clock is looked at.
 const BATCH: usize = 64;
 
-/// What is written of a part, and read of what is above it.
+/// What is written of a part.
 type Parts<'w, 's> = Query<
     'w,
     's,
     (
         &'static mut PartOf,
         Option<&'static mut Mesh3d>,
-        Option<&'static Visibility>,
+        Option<&'static mut Visibility>,
         Option<&'static mut InheritedVisibility>,
-        Option<&'static ChildOf>,
     ),
 >;
 
 /// Restores the models that were disturbed and those that are not asked for any more, in the frame in which that
 /// happens.
-pub fn restore_parts(
-    mut models: ResMut<InteriorModels>,
-    mut parts: Parts,
-    others: Query<&InheritedVisibility, Without<PartOf>>,
-    mut commands: Commands,
-) {
+pub fn restore_parts(mut models: ResMut<InteriorModels>, mut parts: Parts, mut commands: Commands) {
     let models = &mut *models;
     for job in models.jobs.values_mut() {
         if core::mem::take(&mut job.is_disturbed) {
-            restore(job, &mut parts, &others, &mut commands);
+            restore(job, &mut parts, &mut commands);
             if models.turn == Some(job.root) {
                 models.turn = None;
-                models.uploads.clear();
+                models.uploads.clear(Asker::Interior);
             }
         }
     }
     for mut job in models.leaving.drain(..) {
-        restore(&mut job, &mut parts, &others, &mut commands);
+        restore(&mut job, &mut parts, &mut commands);
         if models.turn == Some(job.root) {
             models.turn = None;
-            models.uploads.clear();
+            models.uploads.clear(Asker::Interior);
         }
         let is_back = models.jobs.contains_key(&job.root);
         for entity in job
@@ -81,12 +72,7 @@ pub fn restore_parts(
     }
 }
 
-fn restore(
-    job: &mut Job,
-    parts: &mut Parts,
-    others: &Query<&InheritedVisibility, Without<PartOf>>,
-    commands: &mut Commands,
-) {
+fn restore(job: &mut Job, parts: &mut Parts, commands: &mut Commands) {
     for part in &mut job.parts {
         let shown = core::mem::replace(&mut part.shown, Shown::AsItWas);
         let Some(node) = job.nodes.get(part.node as usize) else {
@@ -94,8 +80,14 @@ fn restore(
         };
         match shown {
             Shown::AsItWas => {}
-            // What is above comes first.
-            Shown::Hidden => show(node.entity, parts, others),
+            Shown::Hidden => {
+                if let Ok((mut part, _, visibility, _)) = parts.get_mut(node.entity) {
+                    part.is_hidden = false;
+                    if let Some(mut visibility) = visibility {
+                        visibility.set_changed();
+                    }
+                }
+            }
             Shown::Trimmed(trimmed) => {
                 if let Ok((_, Some(mut mesh), ..)) = parts.get_mut(node.entity)
                     && mesh.id() == trimmed
@@ -106,36 +98,6 @@ fn restore(
         }
     }
     commands.entity(job.root).try_remove::<InteriorCounts>();
-}
-
-/// As Bevy would have it.
-fn show(entity: Entity, parts: &mut Parts, others: &Query<&InheritedVisibility, Without<PartOf>>) {
-    let Ok((mut part, _, visibility, _, child_of)) = parts.get_mut(entity) else {
-        return;
-    };
-    part.is_hidden = false;
-    let above = child_of.map(ChildOf::parent);
-    let is_shown = match visibility {
-        Some(Visibility::Hidden) => false,
-        Some(Visibility::Inherited) => above.is_none_or(|above| match parts.get(above) {
-            Ok((.., inherited, _)) => inherited.is_none_or(|inherited| inherited.get()),
-            Err(_) => others.get(above).is_ok_and(|inherited| inherited.get()),
-        }),
-        Some(Visibility::Visible) | None => true,
-    };
-    if let Ok((.., Some(mut inherited), _)) = parts.get_mut(entity)
-        && inherited.get() != is_shown
-    {
-        *inherited = visible(is_shown);
-    }
-}
-
-fn visible(is_shown: bool) -> InheritedVisibility {
-    if is_shown {
-        InheritedVisibility::VISIBLE
-    } else {
-        InheritedVisibility::HIDDEN
-    }
 }
 
 /// Hides and trims what was found to be hidden, some of it a frame: on the way the picture from outside is the same.
@@ -194,7 +156,7 @@ fn apply(job: &mut Job, number: usize, is_hideable: &[bool], parts: &mut Parts) 
         return;
     };
     let entity = job.nodes.get(part.node as usize).map(|node| node.entity);
-    let Some((mut of, mesh, _, inherited, _)) = entity.and_then(|e| parts.get_mut(e).ok()) else {
+    let Some((mut of, mesh, _, inherited)) = entity.and_then(|e| parts.get_mut(e).ok()) else {
         return;
     };
     if is_hideable.get(number) == Some(&true) {
@@ -218,6 +180,7 @@ fn count(job: &Job) -> InteriorCounts {
     let mut counts = InteriorCounts {
         nodes: job.parts.len() as u32,
         gap: found.gap as f32,
+        field: found.field,
         ..default()
     };
     for part in &job.parts {

@@ -4,14 +4,27 @@
 //! | Step | Where | On the main thread |
 //! |---|---|---|
 //! | the model is looked through until all is loaded and still | `walk`, `node` | in slices |
-//! | positions and indices are copied | `gather` | in slices |
+//! | positions and indices are copied | [`gather`](super::gather) | in slices |
 //! | it is culled, and what of each mesh stays is worked out | `work` | – |
-//! | trimmed meshes are made of what stays | `build` | in slices |
+//! | trimmed meshes are made of what stays | `build`, [`submesh`](super::submesh) | in slices |
 //! | nodes are hidden, trimmed meshes shown | [`apply`] | in slices |
 //! | whatever could uncover something is noticed, and all restored | [`watch`], [`apply`] | in the very frame |
 //!
 //! A slice is a millisecond a frame, all models together; one model at a time is copied and worked on. Nothing is read
-//! out of a mesh in one go, as one of a million triangles takes longer than a frame to copy.
+//! out of a mesh in one go, as one of a million triangles takes longer than a frame to copy. What is done in one go, at
+//! the end of a walk and of hiding, goes with the nodes and not with the triangles.
+//!
+//! Each model goes through the steps of `models::Step`:
+//!
+//! ```text
+//!           ┌──────────────── something changed, in any step ────────────────┐
+//!           ▼                                                                │
+//!  ───► Still ──► Walk ──► Turn ──► Gather ──► Work ──► Build ──► Hide ──► Done
+//!                 │  ▲       │                  │                  ▲
+//!                 ▼  │       └──── found in the store, with trims ─┘
+//!                 Load              Work fails ─► Failed
+//!            Walk finds no mesh ─► Nothing
+//! ```
 //!
 //! What is found is kept for models that are the same (`store`) while any model asks for interior culling, and trimmed
 //! meshes while they are shown. With the last [`InteriorCulling`] nothing is held.
@@ -19,11 +32,9 @@
 pub mod advance;
 pub mod apply;
 mod build;
-mod gather;
 pub mod models;
 pub mod node;
 pub mod report;
-mod slice;
 mod store;
 mod walk;
 pub mod watch;
@@ -117,8 +128,10 @@ pub(crate) fn finish(app: &mut App) {
         return;
     };
     models.gpu = gpu;
-    let uploads = models.uploads.clone();
-    crate::render_graph::trimmed::add(app, &uploads);
+    let uploads = crate::render_graph::mesh_uploads::add(app);
+    if let Some(mut models) = app.world_mut().get_resource_mut::<InteriorModels>() {
+        models.uploads = uploads;
+    }
 }
 
 /// Handles to what the app draws with: they hold nothing of their own.

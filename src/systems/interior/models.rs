@@ -12,7 +12,6 @@ use bevy::{
 
 use super::{
     build::Build,
-    gather::Gather,
     node::{Kind, Left, Look},
     store::{Found, Store, Trimmed},
     walk::Walk,
@@ -20,7 +19,8 @@ use super::{
 };
 use crate::{
     interior::{InteriorCounts, InteriorCulling, InteriorGpu},
-    render_graph::trimmed::MeshUploads,
+    render_graph::mesh_uploads::MeshUploads,
+    systems::gather::Gather,
 };
 
 /// Frames that a model must have been left alone before it is looked at again.
@@ -59,7 +59,7 @@ pub struct InteriorModels {
     /// The app's, where it has one.
     pub(super) gpu: Option<InteriorGpu>,
     pub(super) frame: u32,
-    /// Time spent in this frame, in the systems up to `hide_parts`. units: ms
+    /// Time spent in this frame by what goes in slices. units: ms
     pub(super) cpu_ms: f32,
 }
 
@@ -127,7 +127,8 @@ pub(super) struct Job {
     pub disturbed_at: u32,
 }
 
-/// What a model is waiting for or going through.
+/// What a model is waiting for or going through; how it goes from one to the next is drawn in the
+/// [module](super).
 pub(super) enum Step {
     /// That it is left alone for so many more frames.
     Still(u32),

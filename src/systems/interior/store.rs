@@ -8,7 +8,7 @@ use std::{
 use bevy::{math::DAffine3, platform::collections::HashMap, prelude::*};
 
 use super::models::Job;
-use crate::interior::InteriorCulling;
+use crate::interior::{FieldBy, InteriorCulling};
 
 /// So many results are kept beside those in use, the newest.
 const MOST_RESULTS: usize = 8;
@@ -60,6 +60,8 @@ pub(super) struct Found {
     /// By mesh, how many of them stay.
     pub kept: Box<[u32]>,
     pub gap: f64,
+    /// Where its distance field was made.
+    pub field: FieldBy,
 }
 
 /// One bit for each triangle of a mesh.

@@ -9,8 +9,9 @@ use bevy::{
 use super::{
     models::{Job, Load, Node, Part, PartOf, Shown, Step},
     node::{Judge, Kind, Left, Look, NodeQuery, NodeQueryItem},
-    slice::Slice,
 };
+
+use crate::systems::slice::Slice;
 
 /// So many entities are looked at before the clock is.
 const BATCH: usize = 64;
@@ -224,9 +225,13 @@ impl Walk {
                 job.meshes.len(),
                 job.materials.len() + self.loading_materials.len(),
             ];
+            // What came during the walk has been announced already. If all has, another walk begins at once.
+            let (mut meshes, mut materials) = (self.loading_meshes, self.loading_materials);
+            meshes.retain(|mesh| !ground.meshes.contains(*mesh));
+            materials.retain(|material| !ground.materials.contains(*material));
             return Step::Load(Load {
-                meshes: self.loading_meshes,
-                materials: self.loading_materials,
+                meshes,
+                materials,
                 of,
             });
         }

@@ -268,7 +268,11 @@ fn matters(
         && !(item.is_out || item.is_root && !is_root)
     {
         for child in children.iter() {
-            if has_new_mesh(job, child, nodes, commands) {
+            // Whatever is below a hidden node is dark, a lamp too.
+            let is_hidden = item.part.is_some_and(PartOf::is_hidden);
+            if is_hidden && !job.index.contains_key(&child)
+                || has_new_mesh(job, child, nodes, commands)
+            {
                 return true;
             }
         }
@@ -323,6 +327,10 @@ fn has_new_mesh(
         }
         if item.mesh.is_some() {
             return true;
+        }
+        if job.extra.len() == job.extra.capacity() {
+            // Those that are gone make room.
+            job.extra.retain(|entity| nodes.contains(*entity));
         }
         job.extra.push(entity);
         commands.entity(entity).try_insert(PartOf {

@@ -1,7 +1,4 @@
-//! The background: one thread of the lowest priority, which culls a model and works out its trimmed meshes.
-//!
-//! Neither Bevy's compute pool nor its asynchronous one will do: their threads have the priority of the frame's own, and
-//! on two cores each is one that a frame waits for.
+//! The [background](crate::systems::background): one thread, which culls a model and works out its trimmed meshes.
 
 use core::num::NonZero;
 use std::sync::{
@@ -10,19 +7,22 @@ use std::sync::{
 };
 
 use bevy::{
-    math::{DAffine3, bounding::Aabb3d},
+    math::DAffine3,
     mesh::{Indices, PrimitiveTopology},
     prelude::*,
 };
-use thread_priority::{ThreadPriority, set_current_thread_priority};
 
-use super::{
-    gather::Raw,
-    store::{Content, Found, Mask, is_set},
-};
-use crate::interior::{
-    self, FieldDevice, FieldOrigin, InteriorCulling, InteriorError, InteriorGpu, Model, Progress,
-    Surface, Verdict, cull_on,
+use super::store::{Content, Found, Mask, is_set};
+use crate::{
+    interior::{
+        self, FieldBy, FieldDevice, FieldOrigin, InteriorCulling, InteriorError, InteriorGpu,
+        Model, Progress, Surface, Verdict, cull_on,
+    },
+    systems::{
+        background::give_way,
+        gather::Raw,
+        submesh::{Renumbering, SubMesh},
+    },
 };
 
 /// Of so many cores one works in the background.
@@ -31,7 +31,7 @@ const CORES_A_THREAD: usize = 4;
 /// What the background is given.
 pub(super) struct Input {
     pub settings: InteriorCulling,
-    /// Makes the field, where it is asked to.
+    /// The app's, where it has one.
     pub gpu: Option<InteriorGpu>,
     pub raws: Vec<Raw>,
     pub parts: Vec<InputPart>,
@@ -54,16 +54,12 @@ pub(super) struct Output {
     pub trims: Vec<Trim>,
 }
 
-/// Which vertices and triangles a trimmed mesh has.
+/// What a trimmed mesh has.
 pub(super) struct Trim {
     /// Number of the mesh in the model.
     pub mesh: u32,
     pub mask: Mask,
-    /// Those of the mesh's vertices that it has, in their order.
-    pub vertices: Vec<u32>,
-    /// Of the trimmed mesh, as wide as the mesh's own; `None` where that has none.
-    pub indices: Option<Indices>,
-    pub bounds: Option<Aabb3d>,
+    pub sub: SubMesh,
 }
 
 /// Work that is under way; it ends when this is dropped.
@@ -87,9 +83,7 @@ impl Work {
         let (sender, result) = sync_channel(1);
         let shared = progress.clone();
         let run = move || {
-            // Threads that it starts have its priority where the system passes that on, as Linux does. Where it may not
-            // be lowered, it works on with the one it has.
-            let _ = set_current_thread_priority(ThreadPriority::Min);
+            give_way();
             let output = work(input, &shared);
             // Whoever waited may be gone.
             let _ = sender.send(output);
@@ -171,10 +165,20 @@ fn work(input: Input, progress: &Progress) -> Result<Output, InteriorError> {
             let model = Model {
                 parts: (0..).zip(&parts).map(part).collect(),
             };
-            let device = gpu.as_ref().map_or(FieldDevice::Cpu, FieldDevice::Gpu);
+            let by_gpu = settings.field == FieldBy::Gpu;
+            let device = match &gpu {
+                Some(gpu) if by_gpu => FieldDevice::Gpu(gpu),
+                _ => FieldDevice::Cpu,
+            };
             let outcome = cull_on(device, &model, &settings, threads(), progress)?;
-            if let FieldOrigin::Fallback(why) = &outcome.field_origin {
-                warn!("interior culling made a distance field on the CPU: {why}");
+            match &outcome.field_origin {
+                FieldOrigin::Fallback(why) => {
+                    warn!("interior culling made a distance field on the CPU: {why}");
+                }
+                FieldOrigin::Cpu if by_gpu => {
+                    warn!("interior culling made a distance field on the CPU: the app has no GPU");
+                }
+                FieldOrigin::Cpu | FieldOrigin::Gpu => {}
             }
             let can_trim = |mesh: usize| kinds[mesh].0 == PrimitiveTopology::TriangleList;
             Arc::new(union(&outcome, &parts, &surfaces, can_trim))
@@ -188,7 +192,16 @@ fn work(input: Input, progress: &Progress) -> Result<Output, InteriorError> {
         if let Some(mask) = mask
             && wanted[mesh]
         {
-            trims.push(trim(mesh as u32, mask, &surfaces[mesh], kinds[mesh].1));
+            let surface = &surfaces[mesh];
+            let kept = (surface.triangles.iter().copied().enumerate())
+                .filter(|(triangle, _)| is_set(mask, *triangle))
+                .map(|(_, corners)| corners);
+            let mut numbers = Renumbering::new(surface.positions.len());
+            trims.push(Trim {
+                mesh: mesh as u32,
+                mask: mask.clone(),
+                sub: numbers.sub_mesh(&surface.positions, kept, kinds[mesh].1),
+            });
         }
     }
     Ok(Output { found, trims })
@@ -239,74 +252,9 @@ fn union(
         triangles: (0..surfaces.len()).map(|mesh| count(mesh) as u32).collect(),
         kept: kept.into(),
         gap: outcome.lattice.gap(),
-    }
-}
-
-/// `wide`: whether the mesh's indices are of 32 bits; `None` if it has none.
-fn trim(mesh: u32, mask: &Mask, surface: &Surface, wide: Option<bool>) -> Trim {
-    let vertices = surface.positions.len();
-    let kept = || {
-        let all = surface.triangles.iter().enumerate();
-        all.filter(|(triangle, _)| is_set(mask, *triangle))
-            .flat_map(|(_, corners)| corners.iter().copied())
-            .filter(|corner| (*corner as usize) < vertices)
-    };
-    let (list, indices) = match wide {
-        // Each triangle has its own three.
-        None => (kept().collect(), None),
-        Some(wide) => {
-            let mut numbers = vec![u32::MAX; vertices];
-            for corner in kept() {
-                numbers[corner as usize] = 0;
-            }
-            let mut list = Vec::new();
-            for (vertex, number) in numbers.iter_mut().enumerate().filter(|(_, n)| **n == 0) {
-                *number = list.len() as u32;
-                list.push(vertex as u32);
-            }
-            let renumbered = kept().map(|corner| numbers[corner as usize]);
-            let indices = if wide {
-                Indices::U32(renumbered.collect())
-            } else {
-                // There are no more vertices than there were.
-                Indices::U16(renumbered.map(|number| number as u16).collect())
-            };
-            (list, Some(indices))
-        }
-    };
-    let mut places = list
-        .iter()
-        .map(|vertex| Vec3::from(surface.positions[*vertex as usize]));
-    let bounds = places.next().map(|first| {
-        let (min, max) = places.fold((first, first), |(min, max), at| (min.min(at), max.max(at)));
-        Aabb3d::from_min_max(min, max)
-    });
-    Trim {
-        mesh,
-        mask: mask.clone(),
-        vertices: list,
-        indices,
-        bounds,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_trimmed_mesh_has_the_vertices_of_its_triangles_in_their_order() {
-        let surface = Surface {
-            positions: (0..6).map(|i| [i as f32, 0.0, 0.0]).collect(),
-            triangles: vec![[5, 1, 3], [0, 1, 2], [3, 1, 4]],
-        };
-        let mask: Mask = vec![0b101].into();
-        let trimmed = trim(7, &mask, &surface, Some(false));
-        assert_eq!(trimmed.vertices, [1, 3, 4, 5]);
-        assert_eq!(trimmed.indices, Some(Indices::U16(vec![3, 0, 1, 1, 0, 2])));
-        assert_eq!(trimmed.bounds.map(|b| (b.min.x, b.max.x)), Some((1.0, 5.0)));
-        let loose = trim(7, &mask, &surface, None);
-        assert_eq!(loose.vertices, [5, 1, 3, 3, 1, 4]);
-        assert_eq!(loose.indices, None);
+        field: match outcome.field_origin {
+            FieldOrigin::Gpu => FieldBy::Gpu,
+            FieldOrigin::Cpu | FieldOrigin::Fallback(_) => FieldBy::Cpu,
+        },
     }
 }

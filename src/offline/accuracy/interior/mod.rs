@@ -5,8 +5,8 @@
 //! everything two-sided). Two errors:
 //!
 //! - `false_cull_px`: pixels, in many views from outside, of which something that shows there was taken out
-//!   (`views.rs`); `false_cull_px_in_gap`, of the default alone: those of them that a ball of the grid's gap can be brought
-//!   to from the eye, which it guarantees to be none.
+//!   (`views.rs`); `false_cull_px_in_gap`, of the default alone, which guarantees that there are none: those of them at which
+//!   a ball as wide as the grid's gap, brought straight from the eye, touches something that was taken out (`truth.rs`).
 //! - `kept_hidden`: share of the triangles that stay though nobody sees them: they show in no view, and no ray from them
 //!   gets out (`truth.rs`); where it is known how a model was made, by that too.
 
@@ -18,7 +18,7 @@ mod views;
 use core::num::NonZero;
 use std::path::{Path, PathBuf};
 
-use bevy::platform::time::Instant;
+use bevy::{math::DVec3, platform::time::Instant};
 use indicatif::ProgressBar;
 use serde::Serialize;
 
@@ -45,7 +45,7 @@ pub struct Plan {
     pub models: Vec<PathBuf>,
     /// Triangles of the machine made by code; 0 for none.
     pub machine_triangles: usize,
-    /// Grids, as cells on the longest side.
+    /// Grids, as cells on the longest side; at most 21.
     pub grids: Vec<u32>,
     /// Views from outside.
     pub views: usize,
@@ -164,7 +164,7 @@ pub struct InteriorLine {
     pub triangles: usize,
     /// See `triangles`.
     pub removed_triangles: usize,
-    /// What is seen through openings this wide stays. units: of the model
+    /// What a ball so wide can touch from outside stays. units: of the model
     pub gap: f64,
     /// Of the lattice. units: MiB
     pub lattice_mib: f64,
@@ -179,8 +179,8 @@ pub struct InteriorLine {
 pub struct InteriorErrors {
     /// Pixels of which something that shows there was taken out, in all views.
     pub false_cull_px: u64,
-    /// Those of them that are seen through openings as wide as the gap; of `conservative` only, which guarantees that
-    /// there are none.
+    /// Those of them where a ball as wide as the gap, brought straight from the eye, touches what was taken out; of
+    /// `conservative` only, which guarantees that there are none.
     pub false_cull_px_in_gap: Option<u64>,
     /// Of so many pixels that show anything.
     pub pixels: u64,
@@ -200,7 +200,14 @@ pub struct InteriorErrors {
 ///
 /// # Errors
 /// [`AccuracyError`].
+///
+/// # Panics
+/// If there are more than 21 grids.
 pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
+    assert!(
+        plan.grids.len() * Way::ALL.len() <= u64::BITS as usize,
+        "more than 21 grids"
+    );
     let start = Instant::now();
     let mut report = Report::new(out, "interior")?;
     let progress = spinner();
@@ -313,7 +320,7 @@ fn measure_model(
     }
     progress.set_message(format!("{name}, looking at it"));
     let shown = views::shown(model);
-    let missing: Vec<u32> = shown
+    let missing: Vec<u64> = shown
         .iter()
         .map(|triangle| {
             let lacks = |verdict: &Verdict| !verdict.is_seen(triangle.number as usize);
@@ -323,10 +330,25 @@ fn measure_model(
                 .fold(0, |bits, (at, _)| bits | 1 << at)
         })
         .collect();
-    let looked = look(plan, &shown, &missing, &done, progress);
+    let corners = || shown.iter().flat_map(|triangle| triangle.corners);
+    let least = corners().fold(DVec3::MAX, DVec3::min);
+    let greatest = corners().fold(DVec3::MIN, DVec3::max);
+    let extent = (greatest - least).length();
+    let walls = Walls::new(&shown, extent);
+    let scene = Scene {
+        shown: &shown,
+        missing: &missing,
+        walls: &walls,
+        extent,
+        gaps: done
+            .iter()
+            .map(|done| (done.way == Way::Conservative).then(|| done.outcome.lattice.gap()))
+            .collect(),
+    };
+    let views = views::around((least, greatest), plan.views, plan.size);
+    let looked = look(plan, &scene, &views, progress);
     progress.set_message(format!("{name}, rays from what does not show"));
     let stays_in_any = |i: usize| missing[i] != (1 << done.len()) - 1;
-    let walls = Walls::new(&shown, looked.extent);
     let seen = in_parallel(plan.threads, shown.len(), |i| {
         looked.seen[i]
             || (stays_in_any(i) && walls.is_seen(&shown[i], plan.rays.0, plan.rays.1, i as u64))
@@ -381,7 +403,7 @@ fn measure_model(
             adapter: adapter(plan),
         });
     }
-    report::pictures(report, name, &shown, &missing, &looked, plan, &|at| {
+    report::pictures(report, name, &scene, &looked, plan, &|at| {
         let done: &Done = &done[at];
         (done.way.name(), done.grid)
     })
@@ -419,6 +441,18 @@ impl Nodes {
     }
 }
 
+/// A model, and what of it lacks in whatever was done to it.
+struct Scene<'a> {
+    shown: &'a [Shown],
+    /// By triangle, a bit for each that was done in which it lacks.
+    missing: &'a [u64],
+    walls: &'a Walls<'a>,
+    /// units: of the model
+    extent: f64,
+    /// By what was done, how wide what is guaranteed to be seen through is, if anything is. units: of the model
+    gaps: Vec<Option<f64>>,
+}
+
 /// What all views together show.
 struct Looked {
     /// By triangle.
@@ -428,38 +462,21 @@ struct Looked {
     missed: Vec<u64>,
     missed_in_gap: Vec<u64>,
     views_with: Vec<usize>,
-    /// For each that was done, the view that misses most.
+    /// For each that was done, the view of the whole model that misses most.
     worst: Vec<Option<(u64, View)>>,
-    /// units: of the model
-    extent: f64,
 }
 
-fn look(
-    plan: &Plan,
-    shown: &[Shown],
-    missing: &[u32],
-    done: &[Done],
-    progress: &ProgressBar,
-) -> Looked {
-    let corners = || shown.iter().flat_map(|triangle| triangle.corners);
-    let least = corners().fold(bevy::math::DVec3::MAX, bevy::math::DVec3::min);
-    let greatest = corners().fold(bevy::math::DVec3::MIN, bevy::math::DVec3::max);
-    let extent = (greatest - least).length();
-    let views = views::around((least, greatest), plan.views, plan.size);
-    let gaps: Vec<Option<f64>> = done
-        .iter()
-        .map(|done| (done.way == Way::Conservative).then(|| done.outcome.lattice.gap()))
-        .collect();
+fn look(plan: &Plan, scene: &Scene, views: &[View], progress: &ProgressBar) -> Looked {
     let next = core::sync::atomic::AtomicUsize::new(0);
     let one = || {
+        let count = scene.gaps.len();
         let mut looked = Looked {
-            seen: vec![false; shown.len()],
+            seen: vec![false; scene.shown.len()],
             pixels: 0,
-            missed: vec![0; done.len()],
-            missed_in_gap: vec![0; done.len()],
-            views_with: vec![0; done.len()],
-            worst: vec![None; done.len()],
-            extent,
+            missed: vec![0; count],
+            missed_in_gap: vec![0; count],
+            views_with: vec![0; count],
+            worst: vec![None; count],
         };
         loop {
             let at = next.fetch_add(1, core::sync::atomic::Ordering::Relaxed);
@@ -467,7 +484,7 @@ fn look(
                 return looked;
             };
             progress.inc(1);
-            looked.add(view, shown, missing, &gaps);
+            looked.add(view, scene);
         }
     };
     let all: Vec<Looked> = std::thread::scope(|scope| {
@@ -482,13 +499,9 @@ fn look(
 }
 
 impl Looked {
-    fn add(&mut self, view: &View, shown: &[Shown], missing: &[u32], gaps: &[Option<f64>]) {
-        let asked = (0..)
-            .zip(gaps)
-            .filter(|(_, gap)| gap.is_some())
-            .fold(0, |bits, (way, _)| bits | 1 << way);
-        let picture = view.look(shown, missing, asked, self.extent, &mut self.seen);
-        let mut missed = vec![0; gaps.len()];
+    fn add(&mut self, view: &View, scene: &Scene) {
+        let picture = view.look(scene.shown, scene.missing, scene.extent, &mut self.seen);
+        let mut missed = vec![0; scene.gaps.len()];
         for (at, bits) in picture.missed.iter().enumerate() {
             self.pixels += u64::from(picture.first[at] != u32::MAX);
             let mut bits = *bits;
@@ -496,14 +509,14 @@ impl Looked {
                 let way = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
                 missed[way] += 1;
-                let is_open = |gap| view.is_wide_open(&picture, at, 1 << way, gap / 2.0);
-                self.missed_in_gap[way] += u64::from(gaps[way].is_some_and(is_open));
+                let is_in_gap = |gap| scene.is_seen_through(gap, way, view, at);
+                self.missed_in_gap[way] += u64::from(scene.gaps[way].is_some_and(is_in_gap));
             }
         }
         for (way, missed) in missed.into_iter().enumerate() {
             self.missed[way] += missed;
             self.views_with[way] += usize::from(missed > 0);
-            if missed > self.worst[way].map_or(0, |(most, _)| most) {
+            if !view.is_close && missed > self.worst[way].map_or(0, |(most, _)| most) {
                 self.worst[way] = Some((missed, *view));
             }
         }
@@ -524,6 +537,18 @@ impl Looked {
             }
         }
         self
+    }
+}
+
+impl Scene<'_> {
+    /// Whether a pixel shows what lacks through an opening: any ball so wide, moved straight away from the eye around the
+    /// pixel's ray, touches something that lacks.
+    fn is_seen_through(&self, gap: f64, way: usize, view: &View, at: usize) -> bool {
+        let lacks = |i: usize| self.missing[i] >> way & 1 == 1;
+        view.balls(at, gap / 2.0, self.extent).any(|from| {
+            self.walls
+                .ball_touches(from, view.forward(), gap / 2.0, lacks)
+        })
     }
 }
 
@@ -558,4 +583,74 @@ fn in_parallel(
         work();
     });
     answers
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use bevy::math::DAffine3;
+
+    use super::{machine::cuboid, *};
+    use crate::interior::{Part, Surface};
+
+    /// What is missed of surfaces, the last of which is taken out, in any of 40 views; and that where a ball so wide
+    /// touches it.
+    fn missed(surfaces: Vec<Surface>, gap: f64) -> [u64; 2] {
+        let parts = surfaces.into_iter().map(|surface| Part {
+            node: 0,
+            surface: Arc::new(surface),
+            model_from_local: DAffine3::IDENTITY,
+            is_transparent: false,
+            is_two_sided: false,
+        });
+        let shown = views::shown(&Model {
+            parts: parts.collect(),
+        });
+        let last = shown.last().expect("a triangle").part;
+        let missing: Vec<_> = shown
+            .iter()
+            .map(|triangle| u64::from(triangle.part == last))
+            .collect();
+        let scene = Scene {
+            shown: &shown,
+            missing: &missing,
+            walls: &Walls::new(&shown, 4.0),
+            extent: 4.0,
+            gaps: vec![Some(gap)],
+        };
+        let views = views::around((DVec3::NEG_ONE, DVec3::ONE), 40, 48);
+        let plan = Plan::quick();
+        let looked = look(&plan, &scene, &views, &ProgressBar::hidden());
+        [looked.missed[0], looked.missed_in_gap[0]]
+    }
+
+    #[test]
+    fn what_is_missed_in_the_gap_is_told_from_what_is_missed() {
+        let core = || cuboid([-0.4; 3], [0.4; 3]);
+        let hull = || cuboid([-1.0; 3], [1.0; 3]);
+        // Alone it is missed wherever it shows, and any ball touches it.
+        let [all, in_gap] = missed(vec![core()], 0.2);
+        assert!(all > 1000 && in_gap == all, "{in_gap} of {all}");
+        assert_eq!(missed(vec![hull(), core()], 0.2), [0, 0]);
+        // Behind a grille it shows, and what is wider than its openings does not come to it.
+        let bars = || (0..10).map(|i| 0.2 * i as f32 - 1.0);
+        let grille = bars()
+            .map(|x| cuboid([x, -1.0, 0.8], [x + 0.1, 1.0, 1.0]))
+            .chain(bars().map(|x| cuboid([x, -1.0, -1.0], [x + 0.1, 1.0, -0.8])))
+            .chain([
+                cuboid([-1.0, 0.9, -1.0], [1.0, 1.0, 1.0]),
+                cuboid([-1.0, -1.0, -1.0], [1.0, -0.9, 1.0]),
+                cuboid([-1.0, -1.0, -1.0], [-0.9, 1.0, 1.0]),
+                cuboid([0.9, -1.0, -1.0], [1.0, 1.0, 1.0]),
+                core(),
+            ]);
+        let surfaces: Vec<_> = grille.collect();
+        let [through, in_gap] = missed(surfaces.clone(), 0.12);
+        assert!(through > 50, "{through}");
+        assert_eq!(in_gap, 0);
+        let [same, in_gap] = missed(surfaces, 0.08);
+        assert_eq!(same, through);
+        assert!(in_gap > 0);
+    }
 }

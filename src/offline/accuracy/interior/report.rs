@@ -4,8 +4,7 @@ use serde_json::json;
 
 use super::{
     super::report::{Report, Table, optional, short},
-    AccuracyError, InteriorLine, Looked, Plan,
-    views::Shown,
+    AccuracyError, InteriorLine, Looked, Plan, Scene,
 };
 use crate::offline::plot::{Axis, LinePlot, Series};
 
@@ -69,13 +68,12 @@ pub(super) fn draw(report: &mut Report, lines: &[InteriorLine]) -> Result<(), Ac
     Ok(())
 }
 
-/// The view in which a way misses most, as it is and with what lacks in red; for the default and the paper's way at the
+/// The view of the whole in which a way misses most, as it is and with what lacks in red; for the default and the paper's way at the
 /// coarsest grid.
 pub(super) fn pictures(
     report: &mut Report,
     scene: &str,
-    shown: &[Shown],
-    missing: &[u32],
+    model: &Scene,
     looked: &Looked,
     plan: &Plan,
     name: &dyn Fn(usize) -> (&'static str, u32),
@@ -87,16 +85,11 @@ pub(super) fn pictures(
         if Some(&grid) != plan.grids.first() || mode == "sampled" {
             continue;
         }
-        let picture = view.look(
-            shown,
-            missing,
-            0,
-            looked.extent,
-            &mut vec![false; shown.len()],
-        );
-        let shaded = view.shade(shown, &picture, 1 << at);
+        let mut seen = vec![false; model.shown.len()];
+        let picture = view.look(model.shown, model.missing, model.extent, &mut seen);
+        let shaded = view.shade(model.shown, &picture, 1 << at);
         let what = format!(
-            "{scene}, {mode} at {grid}: {missed} px lack something (red), the most of all views"
+            "{scene}, {mode} at {grid}: {missed} px lack something (red), the most of all views of the whole"
         );
         let path = report.file(&format!("{scene}_{mode}_{grid}.png"), &what);
         report.save(&path, &shaded)?;

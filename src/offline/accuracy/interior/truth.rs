@@ -1,7 +1,9 @@
-//! What can be seen of a triangle, by rays that leave it: whether any gets out of the model.
+//! What can be seen and what can be touched, by rays and by balls that meet a model's triangles.
 //!
-//! Rays are finitely many, so that a triangle of which none gets out may still be seen through a slit; one of which a ray
-//! gets out is seen.
+//! - Whether any ray that leaves a triangle gets out. Rays are finitely many, so that a triangle of which none gets out may
+//!   still be seen through a slit; one of which a ray gets out is seen.
+//! - What a ball touches first that comes straight from outside: what it must not have lost, by
+//!   [what is guaranteed](crate::interior#what-is-guaranteed).
 
 use bevy::math::DVec3;
 
@@ -9,11 +11,13 @@ use super::{super::lot::Lot, views::Shown};
 
 /// Triangles in a leaf.
 const LEAF: usize = 4;
+/// What a ball touches within so much of its way is touched at once. units: of the model's size
+const TIE: f64 = 1e-9;
 
-/// Boxes in boxes around what hides, halved at the middle of their triangles along the longest side.
+/// Boxes in boxes around a model's triangles, halved at the middle of their triangles along the longest side.
 pub struct Walls<'a> {
     triangles: &'a [Shown],
-    /// Those that hide, in the order of the leaves.
+    /// Their numbers, in the order of the leaves.
     order: Vec<u32>,
     nodes: Vec<Node>,
     extent: f64,
@@ -30,17 +34,15 @@ struct Node {
 }
 
 impl<'a> Walls<'a> {
-    /// Around triangles; transparent ones hide nothing. `extent`: the model's size.
+    /// `extent`: the model's size.
     pub fn new(triangles: &'a [Shown], extent: f64) -> Self {
         let mut walls = Self {
             triangles,
-            order: (0..triangles.len() as u32)
-                .filter(|i| !triangles[*i as usize].is_transparent)
-                .collect(),
+            order: Vec::new(),
             nodes: Vec::new(),
             extent,
         };
-        let mut order = core::mem::take(&mut walls.order);
+        let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
         if !order.is_empty() {
             walls.split(&mut order, 0);
         }
@@ -82,9 +84,14 @@ impl<'a> Walls<'a> {
         self.split(second, start + half);
     }
 
-    /// Whether a ray from a place gets out: an eye out there, looking along it, meets nothing before that place. One-sided
-    /// triangles that it sees from behind hide nothing.
-    fn gets_out(&self, from: DVec3, way: DVec3) -> bool {
+    /// Asks about the triangles in whatever boxes a ray comes to within a distance of, until told to stop. Whether it was.
+    fn find(
+        &self,
+        from: DVec3,
+        way: DVec3,
+        within: f64,
+        mut ask: impl FnMut(usize, &Shown) -> bool,
+    ) -> bool {
         let inverse = way.recip();
         let mut stack = [0u32; 96];
         let mut depth = usize::from(!self.nodes.is_empty());
@@ -92,7 +99,7 @@ impl<'a> Walls<'a> {
             depth -= 1;
             let number = stack[depth];
             let node = &self.nodes[number as usize];
-            if !meets_box(node, from, inverse) {
+            if !meets_box(node, within, from, inverse) {
                 continue;
             }
             if node.count == 0 {
@@ -101,15 +108,52 @@ impl<'a> Walls<'a> {
                 depth += 2;
                 continue;
             }
-            let leaf = node.start as usize..(node.start + node.count) as usize;
-            let is_hit = self.order[leaf]
-                .iter()
-                .any(|i| Self::hides(&self.triangles[*i as usize], from, way));
-            if is_hit {
-                return false;
+            for i in &self.order[node.start as usize..(node.start + node.count) as usize] {
+                if ask(*i as usize, &self.triangles[*i as usize]) {
+                    return true;
+                }
             }
         }
-        true
+        false
+    }
+
+    /// Whether a ray from a place gets out: an eye out there, looking along it, meets nothing before that place. One-sided
+    /// triangles that it sees from behind hide nothing, and neither do transparent ones.
+    fn gets_out(&self, from: DVec3, way: DVec3) -> bool {
+        !self.find(from, way, 0.0, |_, triangle| {
+            !triangle.is_transparent && Self::hides(triangle, from, way)
+        })
+    }
+
+    /// Whether a ball of this radius, its middle moving from a place outside along a way (units: 1), touches any of the
+    /// triangles asked for before anything opaque stops it, or as it does. One-sided triangles that an eye looking along
+    /// the way sees from behind it passes through.
+    pub fn ball_touches(
+        &self,
+        from: DVec3,
+        way: DVec3,
+        radius: f64,
+        is_asked_for: impl Fn(usize) -> bool,
+    ) -> bool {
+        let shows = |triangle: &Shown| {
+            let [a, b, c] = triangle.corners;
+            triangle.is_two_sided || (b - a).cross(c - a).dot(way) < 0.0
+        };
+        let (mut stopped, mut touched) = (f64::INFINITY, f64::INFINITY);
+        self.find(from, way, radius, |i, triangle| {
+            if shows(triangle)
+                && let Some(after) = touch(triangle.corners, from, way, radius)
+            {
+                if !triangle.is_transparent {
+                    stopped = stopped.min(after);
+                }
+                if is_asked_for(i) {
+                    touched = touched.min(after);
+                }
+            }
+            false
+        });
+        touched < f64::INFINITY && touched <= stopped + TIE * self.extent
     }
 
     fn hides(triangle: &Shown, from: DVec3, way: DVec3) -> bool {
@@ -163,10 +207,55 @@ impl<'a> Walls<'a> {
     }
 }
 
-fn meets_box(node: &Node, from: DVec3, inverse: DVec3) -> bool {
+/// How far a ball's middle moves along a way (units: 1) until the ball touches a triangle; `None` if it never does, or
+/// cuts it where it begins.
+fn touch(corners: [DVec3; 3], from: DVec3, way: DVec3, radius: f64) -> Option<f64> {
+    let [a, b, c] = corners;
+    let mut first = f64::INFINITY;
+    // The inside: the foot of the ball's middle on the plane, when that is as far from it as the radius.
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let (height, sinks) = ((from - a).dot(normal), way.dot(normal));
+    if sinks * height < 0.0 {
+        let after = (height.abs() - radius) / sinks.abs();
+        let foot = from + way * after - normal * (radius * height.signum());
+        let is_inside = [(a, b), (b, c), (c, a)]
+            .iter()
+            .all(|(p, q)| (*q - *p).cross(foot - *p).dot(normal) >= 0.0);
+        if after >= 0.0 && is_inside {
+            first = after;
+        }
+    }
+    // When |m + t·w| first is the radius: m and w from a corner, or across an edge.
+    let meets = |m: DVec3, w: DVec3| {
+        let (ww, mw) = (w.length_squared(), m.dot(w));
+        let inside = mw * mw - ww * (m.length_squared() - radius * radius);
+        let after = (-mw - inside.max(0.0).sqrt()) / ww;
+        (ww > 0.0 && inside >= 0.0 && after >= 0.0).then_some(after)
+    };
+    for (p, q) in [(a, b), (b, c), (c, a)] {
+        if let Some(after) = meets(from - p, way) {
+            first = first.min(after);
+        }
+        let whole = (q - p).length_squared();
+        if whole == 0.0 {
+            continue;
+        }
+        let across = |v: DVec3| v - (q - p) * (v.dot(q - p) / whole);
+        if let Some(after) = meets(across(from - p), across(way)) {
+            let along = (from + way * after - p).dot(q - p) / whole;
+            if (0.0..=1.0).contains(&along) {
+                first = first.min(after);
+            }
+        }
+    }
+    (first < f64::INFINITY).then_some(first)
+}
+
+/// Whether a ray comes to a box, or to within a distance of it in every axis.
+fn meets_box(node: &Node, within: f64, from: DVec3, inverse: DVec3) -> bool {
     let (a, b) = (
-        (node.least - from) * inverse,
-        (node.greatest - from) * inverse,
+        (node.least - within - from) * inverse,
+        (node.greatest + within - from) * inverse,
     );
     // Along an axis that the ray does not move in, both are infinite, or no number where it starts on the box's face:
     // `min` and `max` pass over these.
@@ -232,5 +321,75 @@ mod tests {
         let all: Vec<_> = away.into_iter().chain(cube(0.5, false)).collect();
         let walls = Walls::new(&all, 2.0);
         assert!((0..24).all(|i| walls.is_seen(&all[i], 4, 64, i as u64)));
+    }
+
+    #[test]
+    fn a_ball_touches_a_triangle_inside_at_an_edge_and_at_a_corner() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let after = |x, y| touch(corners, DVec3::new(x, y, 5.0), DVec3::NEG_Z, 0.5);
+        assert_eq!(after(0.25, 0.25), Some(4.5));
+        let close = |found: Option<f64>, wanted: f64| {
+            assert!((found.unwrap() - wanted).abs() < 1e-12, "{found:?}");
+        };
+        // √(0.5² − 0.3²) above the edge; the same from a corner that is 0.3 away.
+        close(after(0.5, -0.3), 5.0 - 0.4);
+        close(after(-0.18, -0.24), 5.0 - 0.4);
+        assert_eq!(after(-0.5, -0.5), None);
+        // Wherever it touches, it is as far from the triangle as its radius.
+        let mut lot = Lot(1);
+        for _ in 0..1000 {
+            let corners = [(); 3].map(|()| lot.direction() * lot.between(0.0, 2.0));
+            let from = lot.direction() * 10.0;
+            let way = (lot.direction() * lot.between(0.0, 2.0) - from).normalize();
+            let away = |t: f64| crate::reference::interior::distance(from + way * t, corners);
+            match touch(corners, from, way, 0.5) {
+                Some(after) => {
+                    assert!((away(after) - 0.5).abs() < 1e-9);
+                    assert!((0..100).all(|i| away(after * f64::from(i) / 100.0) > 0.5));
+                }
+                None => assert!((0..400).all(|i| away(f64::from(i) / 20.0) > 0.5)),
+            }
+        }
+    }
+
+    #[test]
+    fn a_shaft_lets_in_a_ball_as_wide_as_it_and_no_wider() {
+        let wall = |depth: f32, least: [f32; 2], greatest: [f32; 2]| {
+            let cuboid = cuboid(
+                [depth, least[0], least[1]],
+                [depth + 0.1, greatest[0], greatest[1]],
+            );
+            shown(&Model {
+                parts: vec![Part {
+                    node: 0,
+                    surface: Arc::new(cuboid),
+                    model_from_local: DAffine3::IDENTITY,
+                    is_transparent: false,
+                    is_two_sided: false,
+                }],
+            })
+        };
+        // A wall with a hole of half side 0.5, and another wall behind it, which lacks.
+        let mut all = wall(1.0, [-2.0; 2], [2.0; 2]);
+        all.extend(wall(-1.0, [0.5, -2.0], [2.0, 2.0]));
+        all.extend(wall(-1.0, [-2.0, -2.0], [-0.5, 2.0]));
+        all.extend(wall(-1.0, [-0.5, 0.5], [0.5, 2.0]));
+        all.extend(wall(-1.0, [-0.5, -2.0], [0.5, -0.5]));
+        let touches = |all: &[Shown], radius, is_missing: fn(usize) -> bool| {
+            let from = DVec3::new(-5.0, 0.0, 0.0);
+            Walls::new(all, 8.0).ball_touches(from, DVec3::X, radius, is_missing)
+        };
+        assert!(touches(&all, 0.4999, |i| i < 12));
+        assert!(!touches(&all, 0.5001, |i| i < 12));
+        assert!(touches(&all, 0.5001, |i| i >= 12));
+        // A pane in front is touched on the way, and lets the ball through.
+        let panes = wall(-2.0, [-0.4; 2], [0.4; 2]);
+        all.extend(panes.into_iter().map(|pane| Shown {
+            is_transparent: true,
+            ..pane
+        }));
+        assert!(touches(&all, 0.4999, |i| i < 12));
+        assert!(touches(&all, 3.0, |i| i >= 60));
+        assert!(!touches(&all, 3.0, |i| i < 12));
     }
 }

@@ -1,10 +1,7 @@
 //! What is seen of a model from outside, looked at from many sides: which triangle shows in each pixel, and which would
 //! be missed there.
 
-use bevy::{
-    math::{DVec2, DVec3, UVec2},
-    platform::collections::HashMap,
-};
+use bevy::math::{DVec2, DVec3, UVec2};
 
 use super::super::lot::Lot;
 use crate::interior::Model;
@@ -15,8 +12,10 @@ const CLOSE: usize = 3;
 const CLOSER: f64 = 5.0;
 /// Surfaces nearer to each other than this show each other's pixels. units: of the model's size
 const TIE: f64 = 1e-6;
-/// Directions that a ball is looked for in.
-const BALLS: u64 = 400;
+/// The golden angle, π·(3 − √5). units: rad
+const GOLDEN: f64 = 2.399_963_229_728_653;
+/// Balls that are tried around a pixel's ray.
+const BALLS: u32 = 64;
 
 /// A triangle as it is looked at.
 #[derive(Clone, Copy, Debug)]
@@ -72,12 +71,13 @@ pub struct View {
     pixel: f64,
     /// Both sides. units: px
     pub size: u32,
+    /// Only some of the model is in it.
+    pub is_close: bool,
 }
 
 /// So many views of everything between two corners, evenly from all sides (Fibonacci's lattice), every third a close
 /// one.
 pub fn around((least, greatest): (DVec3, DVec3), count: usize, size: u32) -> Vec<View> {
-    let golden = core::f64::consts::PI * (3.0 - 5f64.sqrt());
     let (middle, radius) = (
         (least + greatest) / 2.0,
         (greatest - least).length().max(f64::MIN_POSITIVE) / 2.0,
@@ -87,7 +87,7 @@ pub fn around((least, greatest): (DVec3, DVec3), count: usize, size: u32) -> Vec
         .map(|i| {
             let y = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
             let across = (1.0 - y * y).sqrt();
-            let turn = golden * i as f64;
+            let turn = GOLDEN * i as f64;
             let forward = -DVec3::new(across * turn.cos(), y, across * turn.sin());
             let (up, right) = forward.any_orthonormal_pair();
             let near = 2.0 * radius * 1.01 / f64::from(size);
@@ -105,6 +105,7 @@ pub fn around((least, greatest): (DVec3, DVec3), count: usize, size: u32) -> Vec
                     },
                 pixel: if is_close { near / CLOSER } else { near },
                 size,
+                is_close,
             }
         })
         .collect()
@@ -117,10 +118,7 @@ pub struct Picture {
     /// The first of the triangles that show there, as its number in the list; `u32::MAX` for none.
     pub first: Vec<u32>,
     /// Bits of which something that shows there lacks.
-    pub missed: Vec<u32>,
-    /// How far away the first transparent thing is that lacks in a pixel in one of the bits asked about. units: of the
-    /// model's frame
-    missed_glass: HashMap<(usize, u32), f64>,
+    pub missed: Vec<u64>,
 }
 
 impl View {
@@ -134,14 +132,12 @@ impl View {
         )
     }
 
-    /// What shows; `missing[i]` has the bits in which triangle i lacks, `asked` those that
-    /// [`is_wide_open`](Self::is_wide_open) will be asked about. Marks what shows in `seen`. `extent`: the model's size, of
-    /// which ties are a share.
+    /// What shows; `missing[i]` has the bits in which triangle i lacks. Marks what shows in `seen`. `extent`: the model's
+    /// size, of which ties are a share.
     pub fn look(
         &self,
         triangles: &[Shown],
-        missing: &[u32],
-        asked: u32,
+        missing: &[u64],
         extent: f64,
         seen: &mut [bool],
     ) -> Picture {
@@ -150,7 +146,6 @@ impl View {
             depth: vec![f64::INFINITY; count],
             first: vec![u32::MAX; count],
             missed: vec![0; count],
-            missed_glass: HashMap::default(),
         };
         let tie = TIE * extent;
         for (number, triangle) in triangles.iter().enumerate() {
@@ -181,13 +176,6 @@ impl View {
                 if depth < picture.depth[at] - tie {
                     seen[number] = true;
                     picture.missed[at] |= missing[number];
-                    let mut bits = missing[number] & asked;
-                    while bits != 0 {
-                        let bit = bits & bits.wrapping_neg();
-                        bits &= bits - 1;
-                        let first = picture.missed_glass.entry((at, bit)).or_insert(depth);
-                        *first = first.min(depth);
-                    }
                     if picture.first[at] == u32::MAX {
                         picture.first[at] = number as u32;
                     }
@@ -231,48 +219,31 @@ impl View {
         }
     }
 
-    /// Whether a ball of this radius can be brought straight from the eye to touch what lacks in a pixel, without meeting
-    /// anything: then it is seen through an opening as wide as the ball. Errs towards no only where the ball would have to
-    /// come from the side.
-    pub fn is_wide_open(&self, picture: &Picture, at: usize, bit: u32, radius: f64) -> bool {
-        let size = self.size as i64;
-        let (px, py) = ((at as i64) % size, (at as i64) / size);
-        let depth = picture.missed_glass.get(&(at, bit));
-        let depth = depth.map_or(picture.depth[at], |depth| depth.min(picture.depth[at]));
-        let reach = (radius / self.pixel).ceil() as i64 + 1;
-        let mut lot = Lot(at as u64);
-        (0..BALLS).any(|_| {
-            // Where the ball's middle is from what it touches.
-            let mut out = lot.direction();
-            out.z = -out.z.abs();
-            let middle = DVec3::new(0.0, 0.0, depth) + out * radius;
-            let around = (middle.truncate() / self.pixel).round();
-            let (mx, my) = (px + around.x as i64, py + around.y as i64);
-            for y in my - reach..=my + reach {
-                for x in mx - reach..=mx + reach {
-                    let off = DVec2::new((x - px) as f64, (y - py) as f64) * self.pixel
-                        - middle.truncate();
-                    let across = radius * radius - off.length_squared();
-                    if across < 0.0 {
-                        continue;
-                    }
-                    // What is not in the picture may be anything.
-                    if !(0..size).contains(&x) || !(0..size).contains(&y) {
-                        return false;
-                    }
-                    let bottom = middle.z + across.sqrt();
-                    // A pixel stands for what is within half of one of its middle.
-                    if picture.depth[(y * size + x) as usize] < bottom - 0.5 * self.pixel {
-                        return false;
-                    }
-                }
-            }
-            true
+    /// Which way the eye looks. units: 1
+    pub fn forward(&self) -> DVec3 {
+        self.forward
+    }
+
+    /// Where the middles of balls of this radius begin, in front of everything, that move along with the ray of a pixel
+    /// inside them; that of the first moves along the ray itself. `extent`: the model's size.
+    pub fn balls(&self, at: usize, radius: f64, extent: f64) -> impl Iterator<Item = DVec3> {
+        let (column, row) = (at as u32 % self.size, at as u32 / self.size);
+        let half = f64::from(self.size) / 2.0;
+        let middle = self.centre
+            + self.right * ((f64::from(column) + 0.5 - half) * self.pixel)
+            + self.up * ((half - f64::from(row) - 0.5) * self.pixel)
+            - self.forward * (2.0 * extent + radius);
+        let (right, up) = (self.right, self.up);
+        // Evenly over the disc (Vogel 1979).
+        (0..BALLS).map(move |i| {
+            let off = radius * (f64::from(i) / f64::from(BALLS)).sqrt();
+            let turn = DVec2::from_angle(f64::from(i) * GOLDEN) * off;
+            middle + right * turn.x + up * turn.y
         })
     }
 
     /// A picture of what shows, lit from the eye, in the parts' own greys; what lacks in `bit` is red.
-    pub fn shade(&self, triangles: &[Shown], picture: &Picture, bit: u32) -> image::RgbImage {
+    pub fn shade(&self, triangles: &[Shown], picture: &Picture, bit: u64) -> image::RgbImage {
         image::RgbImage::from_fn(self.size, self.size, |x, y| {
             let at = (y * self.size + x) as usize;
             let Some(triangle) = triangles.get(picture.first[at] as usize) else {
@@ -326,6 +297,7 @@ mod tests {
             centre: DVec3::ZERO,
             pixel: 0.1,
             size: 40,
+            is_close: false,
         }
     }
 
@@ -336,7 +308,7 @@ mod tests {
         let glass = wall(-1.0, 0.2, true, false);
         let triangles: Vec<_> = far.into_iter().chain(near).chain(glass).collect();
         let mut seen = vec![false; 6];
-        let picture = eye().look(&triangles, &[1, 1, 2, 2, 4, 4], 0, 1.0, &mut seen);
+        let picture = eye().look(&triangles, &[1, 1, 2, 2, 4, 4], 1.0, &mut seen);
         assert!(seen.iter().all(|seen| *seen));
         let count = |bit| {
             picture
@@ -359,14 +331,14 @@ mod tests {
             .chain(wall(1.0, 1.0, false, false))
             .collect();
         let mut seen = vec![false; 4];
-        eye().look(&triangles, &[0; 4], 0, 1.0, &mut seen);
+        eye().look(&triangles, &[0; 4], 1.0, &mut seen);
         assert_eq!(seen, [false, false, true, true]);
         let hidden: Vec<_> = wall(1.0, 0.5, false, false)
             .into_iter()
             .chain(wall(0.0, 1.0, false, true))
             .collect();
         let mut seen = vec![false; 4];
-        eye().look(&hidden, &[0; 4], 0, 1.0, &mut seen);
+        eye().look(&hidden, &[0; 4], 1.0, &mut seen);
         assert_eq!(seen, [false, false, true, true]);
     }
 
@@ -376,8 +348,8 @@ mod tests {
             .into_iter()
             .chain(wall(0.0, 1.0, false, false))
             .collect();
-        let look = |missing: &[u32]| {
-            let picture = eye().look(&triangles, missing, 0, 1.0, &mut [false; 4]);
+        let look = |missing: &[u64]| {
+            let picture = eye().look(&triangles, missing, 1.0, &mut [false; 4]);
             picture.missed.iter().filter(|missed| **missed != 0).count()
         };
         assert_eq!(look(&[1, 1, 0, 0]), 0);
@@ -385,39 +357,14 @@ mod tests {
     }
 
     #[test]
-    fn a_shaft_lets_in_a_ball_as_wide_as_it_and_no_wider() {
-        // A wall with a hole of half side 0.5, and another wall behind it.
-        let mut triangles: Vec<_> = wall(1.0, 2.0, false, false).to_vec();
-        for (y, z, hy, hz) in [
-            (1.25, 0.0, 0.75, 2.0),
-            (-1.25, 0.0, 0.75, 2.0),
-            (0.0, 1.25, 0.5, 0.75),
-            (0.0, -1.25, 0.5, 0.75),
-        ] {
-            triangles.extend(wall(-1.0, 1.0, false, false).map(|mut triangle| {
-                for corner in &mut triangle.corners {
-                    corner.y = y + corner.y * hy;
-                    corner.z = z + corner.z * hz;
-                }
-                triangle
-            }));
-        }
+    fn balls_move_along_with_a_pixel_s_ray_inside_them() {
         let view = eye();
-        let missing = vec![0; triangles.len()];
-        let mut seen = vec![false; triangles.len()];
-        let picture = view.look(&triangles, &missing, 1, 1.0, &mut seen);
-        let middle = (20 * 40 + 20) as usize;
-        assert!(view.is_wide_open(&picture, middle, 1, 0.4));
-        // A pane that lacks in the hole can be touched by a ball that does not get through, in the bit in which it lacks.
-        triangles.extend(wall(-2.0, 0.4, true, false));
-        let missing: Vec<_> = (0..triangles.len())
-            .map(|i| if i < 10 { 2 } else { 1 })
-            .collect();
-        let mut seen = vec![false; triangles.len()];
-        let paned = view.look(&triangles, &missing, 3, 1.0, &mut seen);
-        assert!(view.is_wide_open(&paned, middle, 1, 0.8));
-        assert!(!view.is_wide_open(&paned, middle, 2, 0.8));
-        assert!(!view.is_wide_open(&picture, middle, 1, 0.8));
+        let balls: Vec<_> = view.balls(3 * 40 + 7, 2.0, 10.0).collect();
+        assert_eq!(view.project(balls[0]), DVec3::new(7.5, 3.5, -22.0));
+        for ball in &balls {
+            let off = (view.project(*ball) - view.project(balls[0])).truncate();
+            assert!(off.length() * view.pixel < 2.0);
+        }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The share of a frame that interior culling may take on the main thread.
+//! The share of a frame that preparing models may take on the main thread.
 
 use core::time::Duration;
 
@@ -9,7 +9,7 @@ const SLICE_MS: u64 = 1;
 
 /// Ends a little while after it began.
 #[derive(Clone, Copy)]
-pub(super) struct Slice {
+pub struct Slice {
     began: Instant,
 }
 

@@ -1,4 +1,4 @@
-//! Copies the triangles of a model's meshes for the background, some of them a frame.
+//! Copies the triangles of meshes for the background, some of them a frame.
 
 use bevy::{
     mesh::{Indices, PrimitiveTopology, VertexAttributeValues},
@@ -12,14 +12,14 @@ const BATCH: usize = 16_384;
 
 /// How far the copying has come.
 #[derive(Default)]
-pub(super) struct Gather {
+pub struct Gather {
     raws: Vec<Raw>,
     /// Of the last.
     is_done: bool,
 }
 
 /// A mesh's triangles as they lie in it.
-pub(super) struct Raw {
+pub struct Raw {
     pub topology: PrimitiveTopology,
     pub positions: Vec<[f32; 3]>,
     /// `None`: one vertex after another.

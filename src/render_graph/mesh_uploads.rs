@@ -1,5 +1,6 @@
-//! Tells the main world which trimmed meshes of [`InteriorCulling`](crate::interior::InteriorCulling) have come to the
-//! GPU: an entity that is given a mesh before is not drawn until then.
+//! Tells the main world which meshes that were made for [`InteriorCulling`](crate::interior::InteriorCulling) and
+//! `SphericalIndex` have come to the GPU: an entity that is given a mesh before is not
+//! drawn until then.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -21,7 +22,15 @@ pub struct MeshUploads(Arc<Mutex<Uploads>>);
 struct Uploads {
     /// Somebody answers.
     has_renderer: bool,
-    asked: HashSet<AssetId<Mesh>>,
+    /// By who asked.
+    asked: [HashSet<AssetId<Mesh>>; 2],
+}
+
+/// Who asks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Asker {
+    Interior,
+    Spherical,
 }
 
 impl MeshUploads {
@@ -30,10 +39,10 @@ impl MeshUploads {
     }
 
     /// Asks whether a mesh has come. `false`: nothing is drawn, so there is nothing to wait for.
-    pub(crate) fn ask(&self, mesh: AssetId<Mesh>) -> bool {
+    pub(crate) fn ask(&self, asker: Asker, mesh: AssetId<Mesh>) -> bool {
         let mut uploads = self.lock();
         if uploads.has_renderer {
-            uploads.asked.insert(mesh);
+            uploads.asked[asker as usize].insert(mesh);
         }
         uploads.has_renderer
     }
@@ -41,19 +50,24 @@ impl MeshUploads {
     /// Keeps of these meshes those that have not come.
     pub(crate) fn retain_waiting(&self, meshes: &mut Vec<AssetId<Mesh>>) {
         let uploads = self.lock();
-        meshes.retain(|mesh| uploads.asked.contains(mesh));
+        meshes.retain(|mesh| uploads.asked.iter().any(|asked| asked.contains(mesh)));
     }
 
-    /// Nobody waits for anything any more.
-    pub(crate) fn clear(&self) {
-        self.lock().asked = HashSet::default();
+    /// One of them waits for nothing any more.
+    pub(crate) fn clear(&self, asker: Asker) {
+        self.lock().asked[asker as usize] = HashSet::default();
     }
 }
 
-/// Adds [`note_uploads`] to the render app, if there is one.
-pub(crate) fn add(app: &mut App, uploads: &MeshUploads) {
-    if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
-        uploads.lock().has_renderer = true;
+/// Adds [`note_uploads`] to the render app, if there is one; once. Returns what is shared with it.
+pub(crate) fn add(app: &mut App) -> MeshUploads {
+    let uploads = app
+        .world_mut()
+        .get_resource_or_init::<MeshUploads>()
+        .clone();
+    if let Some(render_app) = app.get_sub_app_mut(RenderApp)
+        && !core::mem::replace(&mut uploads.lock().has_renderer, true)
+    {
         render_app.insert_resource(uploads.clone()).add_systems(
             Render,
             note_uploads
@@ -62,12 +76,15 @@ pub(crate) fn add(app: &mut App, uploads: &MeshUploads) {
                 .in_set(RenderSystems::PrepareAssets),
         );
     }
+    uploads
 }
 
 /// Strikes out what has come.
 pub fn note_uploads(uploads: Res<MeshUploads>, meshes: Res<RenderAssets<RenderMesh>>) {
     let mut uploads = uploads.lock();
-    if !uploads.asked.is_empty() {
-        uploads.asked.retain(|mesh| meshes.get(*mesh).is_none());
+    for asked in &mut uploads.asked {
+        if !asked.is_empty() {
+            asked.retain(|mesh| meshes.get(*mesh).is_none());
+        }
     }
 }
