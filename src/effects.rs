@@ -31,6 +31,8 @@ pub enum Effect {
     ContributionCulling,
     /// Interior culling (P5a).
     InteriorCulling,
+    /// Spherical index of meshes (P3).
+    SphericalIndex,
     /// The frame budget that moves the others' knobs (P4 and beyond).
     FrameBudget,
 }
@@ -94,6 +96,11 @@ impl Effects {
     /// State of interior culling.
     pub fn interior(&self) -> &EffectState {
         self.state(Effect::InteriorCulling)
+    }
+
+    /// State of the spherical indices of meshes.
+    pub fn spherical(&self) -> &EffectState {
+        self.state(Effect::SphericalIndex)
     }
 
     /// State of the frame budget.

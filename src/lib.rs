@@ -36,6 +36,7 @@
 //! | [`budget`] | the frame budget: measuring, model, controller, knobs |
 //! | [`occlusion`] | Z-buffer occlusion culling: component, volumes, verdicts, what a game sees of it |
 //! | [`interior`] | interior culling: what of a model is seen from outside; its component |
+//! | [`spherical`] | spherical index: the part of a mesh that a camera can see; its component |
 //! | [`resolution`] | resolution scale: the main passes draw fewer pixels |
 //! | `panel` | a panel over the picture: frame times, effects, knobs, what accuracy costs (feature `panel`) |
 //! | `offline` | what the `skyline` command does: pictures, maps, models, scenes, measurements (feature `cli`) |
@@ -48,7 +49,7 @@
 //! P1 *Subdivided-bounding-box terrain ray casting* (GPU quadtree); P2 occlusion culling with the Z-buffer and
 //! simplified models; P3 rendering by spherical-coordinate representation; P4 region-based contribution culling
 //! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
-//! maps (P5b). Docs cite them by these numbers. This version has P1, P2, P4, P5a and P5b.
+//! maps (P5b). Docs cite them by these numbers. This version has all of them.
 
 pub mod budget;
 pub mod contribution;
@@ -64,6 +65,7 @@ pub mod plugin;
 pub mod reference;
 pub mod render_graph;
 pub mod resolution;
+pub mod spherical;
 pub mod systems;
 pub mod terrain;
 pub mod terrain_shadow;
@@ -87,9 +89,10 @@ pub mod prelude {
         },
         plugin::{
             BudgetPlugin, ContributionPlugin, EffectsPlugin, InteriorPlugin, OcclusionPlugin,
-            ResolutionPlugin, SkylinePlugins, TerrainPlugin,
+            ResolutionPlugin, SkylinePlugins, SphericalPlugin, TerrainPlugin,
         },
         resolution::ResolutionScale,
+        spherical::{SphericalAppExt, SphericalCounts, SphericalIndex, SphericalMode},
         terrain::{
             HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour,
             TerrainHit, TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,

@@ -9,6 +9,7 @@
 //! | [`OcclusionPlugin`] | [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion), [`NoOcclusionCulling`](crate::occlusion::NoOcclusionCulling) | `cull_occluded`, `forget_occluded` in `PostUpdate`, in [`CullSteps::Occlusion`](crate::culling::CullSteps); `report_occlusion` in `Last` | see [`render_graph::occlusion`] |
 //! | both | – | `build_mesh_volumes`, `update_candidates` in `PostUpdate`, in [`CullSteps::Candidates`](crate::culling::CullSteps) after `CheckVisibility` | – |
 //! | [`InteriorPlugin`] | [`InteriorCulling`](crate::interior::InteriorCulling), [`NoInteriorCulling`](crate::interior::NoInteriorCulling) | `follow_roots`, `watch_parts`, `restore_parts`, `advance_models`, `hide_parts` in `PostUpdate`, in [`InteriorSystems`](systems::interior::InteriorSystems), then `keep_hidden` before `CheckVisibility`; `report_interior` in `Last` | `note_uploads`, see [`render_graph`] |
+//! | [`SphericalPlugin`] | [`SphericalIndex`](crate::spherical::SphericalIndex) | `follow_material`, `follow_roots`, `advance_indices`, `spawn_chunks` in `PostUpdate`, in [`SphericalSteps`](systems::spherical::SphericalSteps), then `select_chunks` in [`CullSteps::Selection`](crate::culling::CullSteps); `report_spherical` in `Last` | `note_uploads`, see [`render_graph`] |
 //! | [`ResolutionPlugin`] | [`ResolutionScale`](crate::resolution::ResolutionScale) | – | see [`render_graph::upscale`](mod@crate::render_graph::upscale) |
 //! | [`BudgetPlugin`] | [`FrameBudget`](crate::budget::FrameBudget), [`WorkloadPolicy`](crate::budget::WorkloadPolicy) | `wake` each frame; where asked for: `begin` and the knobs in `First`, `choose` or `follow_policy` in [`ContributionSteps::Choose`](crate::contribution::ContributionSteps), `note_drawn` after [`CullSystems`](crate::culling::CullSystems), `end` in `Last`; `report_budget` in `Last` | its time, see [`budget::measure`] |
 //! | `PanelPlugin` (feature `panel`; not in the group) | – | while the panel is open: `draw_panel` in `PostUpdate`, `gather` in `Last` | `bevy_egui`'s pass |
@@ -25,7 +26,7 @@ use crate::{
     render_graph::{
         self, contribution::ContributionStats, occlusion::OcclusionStats, stats::TerrainStats,
     },
-    resolution, systems, terrain, terrain_shadow,
+    resolution, spherical, systems, terrain, terrain_shadow,
 };
 
 /// Every feature of the suite.
@@ -37,6 +38,7 @@ use crate::{
 /// | [`ContributionPlugin`] | what covers too little of the picture is not drawn |
 /// | [`OcclusionPlugin`] | what the depth buffer hides is not drawn |
 /// | [`InteriorPlugin`] | what of a model cannot be seen from outside is not drawn |
+/// | [`SphericalPlugin`] | what of a mesh a camera cannot see it does not draw |
 /// | [`ResolutionPlugin`] | the main passes draw fewer pixels |
 /// | [`BudgetPlugin`] | frame time is held by moving the others' knobs |
 pub struct SkylinePlugins;
@@ -49,6 +51,7 @@ impl PluginGroup for SkylinePlugins {
             .add(ContributionPlugin)
             .add(OcclusionPlugin)
             .add(InteriorPlugin)
+            .add(SphericalPlugin)
             .add(ResolutionPlugin)
             .add(BudgetPlugin)
     }
@@ -175,6 +178,26 @@ impl Plugin for InteriorPlugin {
 
     fn finish(&self, app: &mut App) {
         systems::interior::finish(app);
+    }
+}
+
+/// Spherical index (P3).
+pub struct SphericalPlugin;
+
+impl Plugin for SphericalPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<EffectsPlugin>() {
+            app.add_plugins(EffectsPlugin);
+        }
+        spherical::register(app);
+        app.add_systems(
+            Last,
+            systems::spherical::report::report_spherical.in_set(ReportSystems),
+        );
+    }
+
+    fn finish(&self, app: &mut App) {
+        systems::spherical::finish(app);
     }
 }
 

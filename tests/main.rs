@@ -4,6 +4,9 @@
 #[cfg(feature = "cli")]
 #[path = "it/accuracy_interior.rs"]
 mod accuracy_interior;
+#[cfg(feature = "cli")]
+#[path = "it/accuracy_spherical.rs"]
+mod accuracy_spherical;
 #[path = "it/allocations.rs"]
 mod allocations;
 #[cfg(feature = "cli")]
@@ -94,6 +97,19 @@ mod ray_cast;
 #[cfg(feature = "cli")]
 #[path = "it/resolution.rs"]
 mod resolution;
+#[path = "it/spherical.rs"]
+mod spherical;
+#[cfg(feature = "cli")]
+#[path = "it/spherical_app.rs"]
+mod spherical_app;
+#[path = "it/spherical_bunny.rs"]
+mod spherical_bunny;
+#[path = "it/spherical_check.rs"]
+mod spherical_check;
+#[path = "it/spherical_properties.rs"]
+mod spherical_properties;
+#[path = "it/spherical_published.rs"]
+mod spherical_published;
 #[cfg(feature = "cli")]
 #[path = "it/terrain_app.rs"]
 mod terrain_app;

@@ -14,6 +14,9 @@ pub enum CullReason {
     Interior,
     /// It shares no render layer with the camera.
     Layers,
+    /// It is a chunk of a mesh with a [`SphericalIndex`](crate::spherical::SphericalIndex), and is out of view, shows the
+    /// camera nothing but the back of its triangles, or is drawn with the whole mesh.
+    Chunk,
     /// It is out of view, or out of its `VisibilityRange`.
     Frustum,
     /// It covers too little of the picture: [`ContributionCulling`](crate::contribution::ContributionCulling).

@@ -11,7 +11,8 @@
 //!
 //! Each frame, in [`CullSystems`]: the table follows the scene, then
 //! [`ContributionCulling`](crate::contribution::ContributionCulling) takes out what covers too little, then
-//! [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) what is hidden. Both keep the order of `VisibleEntities`.
+//! [`SphericalIndex`](crate::spherical::SphericalIndex) the parts of meshes that the camera cannot see, then
+//! [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) what is hidden. All keep the order of `VisibleEntities`.
 
 pub mod bits;
 pub mod candidates;
@@ -43,6 +44,8 @@ pub enum CullSteps {
     Candidates,
     /// What covers too little is removed.
     Contribution,
+    /// Meshes give way to those of their chunks that can be seen.
+    Selection,
     /// What is hidden is removed.
     Occlusion,
 }
@@ -60,6 +63,7 @@ pub(crate) fn register(app: &mut App) {
             (
                 CullSteps::Candidates,
                 CullSteps::Contribution,
+                CullSteps::Selection,
                 CullSteps::Occlusion,
             )
                 .chain()

@@ -9,7 +9,7 @@ use bevy::{
 };
 
 use super::culled::{CullReason, CulledEntities};
-use crate::systems::interior::models::PartOf;
+use crate::systems::{interior::models::PartOf, spherical::spawn::ChunkOf};
 
 /// Which meshes are seen by which camera, and why the others are not. Ask in systems that run after
 /// [`CullSystems`](super::CullSystems), or anywhere for the answer of the frame before.
@@ -45,16 +45,19 @@ pub struct Culling<'w, 's> {
             Option<&'static InheritedVisibility>,
             Option<&'static RenderLayers>,
             Option<&'static PartOf>,
+            Has<ChunkOf>,
         ),
     >,
+    chunks: Query<'w, 's, (), With<ChunkOf>>,
+    children: Query<'w, 's, &'static Children>,
 }
 
 impl Culling<'_, '_> {
-    /// Whether an active camera has a mesh among its visible entities.
+    /// Whether an active camera has a mesh among its visible entities, or any of the chunks that are drawn in its place.
     pub fn is_seen(&self, mesh: Entity) -> bool {
         self.cameras.iter().any(|(camera, visible, culled, _)| {
             camera.is_active
-                && is_visible(visible, mesh)
+                && self.is_visible(visible, mesh)
                 // What the GPU leaves out stays in the list.
                 && culled.is_none_or(|culled| culled.reason(mesh).is_none())
         })
@@ -63,12 +66,22 @@ impl Culling<'_, '_> {
     /// Why a camera does not see a mesh; `None` if it does, if it is no camera, or if the entity is gone.
     pub fn reason(&self, camera: Entity, mesh: Entity) -> Option<CullReason> {
         let (_, visible, culled, layers) = self.cameras.get(camera).ok()?;
-        let (inherited, own_layers, part) = self.entities.get(mesh).ok()?;
+        let (inherited, own_layers, part, is_chunk) = self.entities.get(mesh).ok()?;
         if let Some(reason) = culled.and_then(|culled| culled.reason(mesh)) {
             return Some(reason);
         }
-        if is_visible(visible, mesh) {
+        if self.is_visible(visible, mesh) {
             return None;
+        }
+        if is_chunk {
+            return Some(CullReason::Chunk);
+        }
+        let children = self.children.get(mesh).into_iter().flatten();
+        let of_chunks = children.filter(|child| self.chunks.contains(**child));
+        if let Some(reason) =
+            culled.and_then(|culled| of_chunks.filter_map(|c| culled.reason(*c)).next())
+        {
+            return Some(reason);
         }
         if part.is_some_and(PartOf::is_hidden) {
             return Some(CullReason::Interior);
@@ -83,10 +96,18 @@ impl Culling<'_, '_> {
             CullReason::Layers
         })
     }
+
+    fn is_visible(&self, visible: &VisibleEntities, mesh: Entity) -> bool {
+        is_listed(visible, mesh)
+            || self.children.get(mesh).is_ok_and(|children| {
+                let mut children = children.iter();
+                children.any(|child| self.chunks.contains(child) && is_listed(visible, child))
+            })
+    }
 }
 
 /// Bevy keeps its lists sorted.
-fn is_visible(visible: &VisibleEntities, mesh: Entity) -> bool {
+fn is_listed(visible: &VisibleEntities, mesh: Entity) -> bool {
     visible
         .get(TypeId::of::<Mesh3d>())
         .binary_search(&mesh)

@@ -99,11 +99,12 @@ pub struct EffectRow {
 }
 
 /// Every effect, in the panel's order.
-const EFFECTS: [Effect; 6] = [
+const EFFECTS: [Effect; 7] = [
     Effect::FrameBudget,
     Effect::ContributionCulling,
     Effect::ZBufferOcclusion,
     Effect::InteriorCulling,
+    Effect::SphericalIndex,
     Effect::Terrain,
     Effect::TerrainShadow,
 ];
@@ -117,6 +118,7 @@ impl EffectRow {
             Effect::ContributionCulling => "Contribution culling",
             Effect::ZBufferOcclusion => "Z-buffer occlusion",
             Effect::InteriorCulling => "Interior culling",
+            Effect::SphericalIndex => "Spherical index",
             Effect::Terrain => "Terrain ray casting",
             Effect::TerrainShadow => "Terrain shadow",
         }

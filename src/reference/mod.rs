@@ -8,6 +8,7 @@ pub mod interior;
 pub mod occlusion;
 mod outcome;
 pub mod ray_cast;
+pub mod spherical;
 pub mod surface;
 pub mod terrain_shadow;
 pub mod upscale;

@@ -1,5 +1,5 @@
 //! Tells the main world which meshes that were made for [`InteriorCulling`](crate::interior::InteriorCulling) and
-//! `SphericalIndex` have come to the GPU: an entity that is given a mesh before is not
+//! [`SphericalIndex`](crate::spherical::SphericalIndex) have come to the GPU: an entity that is given a mesh before is not
 //! drawn until then.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -1,16 +1,17 @@
-//! Systems of the main world, one file or folder a feature; and what those that prepare models share: [`slice`] of a
-//! frame, [`gather`] to copy meshes, [`background`] threads, [`submesh`] to make meshes of some triangles.
+//! Systems of the main world, one file or folder a feature; and what those that prepare models share: the `slice` of a
+//! frame, `gather` to copy meshes, `background` threads, `submesh` to make meshes of some triangles.
 
-pub mod background;
+pub(crate) mod background;
 pub mod budget;
 pub mod candidates;
 pub mod contribution;
 pub mod contribution_fade;
-pub mod gather;
+pub(crate) mod gather;
 pub mod interior;
 pub mod occlusion;
-pub mod slice;
-pub mod submesh;
+pub(crate) mod slice;
+pub mod spherical;
+pub(crate) mod submesh;
 pub mod terrain;
 pub mod terrain_shadow;
 pub mod workload_policy;

@@ -728,6 +728,49 @@ fn a_mesh_that_comes_while_the_model_is_looked_through_is_not_waited_for() {
 }
 
 #[test]
+fn a_trimmed_mesh_that_is_indexed_is_restored_in_the_same_frame() {
+    let Some(mut scene) = Scene::new() else {
+        return;
+    };
+    // Two balls, one in the other, as one mesh, in halves that move apart.
+    let mut both = Sphere::new(1.0).mesh().uv(120, 120);
+    both.merge(&Sphere::new(0.6).mesh().uv(120, 120))
+        .expect("the same attributes");
+    let both = scene.add_mesh(both);
+    let lid = scene.add_mesh(cube(3.0));
+    let ball = scene.part(&both, Vec3::ZERO);
+    let lid = scene.part(&lid, Vec3::ZERO);
+    scene.world().entity_mut(ball).insert((
+        SphericalIndex {
+            chunk_triangles: 200,
+            chunk_cost: 0,
+            ..default()
+        },
+        Transform::from_xyz(0.0, 0.0, 1.2),
+    ));
+    scene.cull(settings());
+    for _ in 0..400 {
+        scene.step();
+        std::thread::sleep(core::time::Duration::from_millis(1));
+    }
+    println!(
+        "{}",
+        scene.offline.app.world().resource::<Effects>().spherical()
+    );
+    // With the lid gone all of the ball shows, in that very frame.
+    scene.world().despawn(lid);
+    scene.step();
+    let restored = scene.picture();
+    let root = scene.root;
+    scene.world().entity_mut(root).remove::<InteriorCulling>();
+    scene.world().entity_mut(ball).remove::<SphericalIndex>();
+    scene.step();
+    scene.step();
+    let plain = scene.picture();
+    assert_eq!(differing_px(&restored, &plain), 0);
+}
+
+#[test]
 fn a_lamp_hung_from_a_hidden_node_is_lit() {
     let Some(mut scene) = Scene::new() else {
         return;

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use bevy_skyline::offline::accuracy::{
-    AccuracyError, budget, contribution, interior, occlusion, scene::mountains, shadow, terrain,
+    AccuracyError, budget, contribution, interior, occlusion, scene::mountains, shadow, spherical,
+    terrain,
 };
 use clap::{Args, ValueEnum};
 
@@ -26,7 +27,7 @@ pub(crate) struct AccuracyArgs {
     heightmap: Option<PathBuf>,
     #[command(flatten)]
     scale: HeightMapArgs,
-    /// Triangle mesh (.obj) that occlusion is measured with, else a shape made by code; models (.glb or .gltf, once for
+    /// Triangle mesh (.obj) that occlusion or spherical is measured with, else a shape made by code; models (.glb or .gltf, once for
     /// each) that interior is measured on, besides a machine made by code.
     #[arg(long, value_name = "F")]
     model: Vec<PathBuf>,
@@ -67,6 +68,8 @@ pub(crate) enum AccuracyEffect {
     Budget,
     /// Interior culling (P5a).
     Interior,
+    /// Spherical index of a mesh (P3).
+    Spherical,
 }
 
 pub(crate) fn run(args: &AccuracyArgs) -> Result<(), CliError> {
@@ -75,6 +78,7 @@ pub(crate) fn run(args: &AccuracyArgs) -> Result<(), CliError> {
         AccuracyEffect::Contribution => return run_contribution(args),
         AccuracyEffect::Budget => return run_budget(args),
         AccuracyEffect::Interior => return run_interior(args),
+        AccuracyEffect::Spherical => return run_spherical(args),
         AccuracyEffect::Terrain => false,
         AccuracyEffect::Shadow => true,
     };
@@ -233,6 +237,34 @@ fn run_interior(args: &AccuracyArgs) -> Result<(), CliError> {
         ..base
     };
     print_json(&interior::measure(&plan, &args.out)?);
+    Ok(())
+}
+
+fn run_spherical(args: &AccuracyArgs) -> Result<(), CliError> {
+    refuse_field(args, "spherical takes a --model")?;
+    if args.city.is_some() || !args.scenes.is_empty() || args.path_frames.is_some() {
+        return Err(CliError::Usage(
+            "--city, --scenes and --path-frames are for what is measured in a city: spherical takes --model, --rounds and --few-settings"
+                .into(),
+        ));
+    }
+    if args.model.len() > 1 {
+        return Err(CliError::Usage(
+            "spherical is measured with one --model at a time".into(),
+        ));
+    }
+    let base = if args.quick {
+        spherical::Plan::quick()
+    } else {
+        spherical::Plan::full()
+    };
+    let plan = spherical::Plan {
+        model: args.model.first().cloned(),
+        rounds: args.rounds.map_or(base.rounds, |rounds| rounds as usize),
+        few_ways: base.few_ways || args.few_settings,
+        ..base
+    };
+    print_json(&spherical::measure(&plan, &args.out)?);
     Ok(())
 }
 

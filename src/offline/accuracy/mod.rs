@@ -10,6 +10,7 @@ pub mod occlusion;
 mod report;
 pub mod scene;
 pub mod shadow;
+pub mod spherical;
 pub mod terrain;
 
 use std::path::PathBuf;

@@ -59,6 +59,19 @@ pub fn from_file(path: &Path, block: Block) -> Result<Scene, SceneError> {
     Ok(arrange(name, simplify(model, block.triangles), block))
 }
 
+/// A model from an OBJ file as it is.
+///
+/// # Errors
+/// [`SceneError`].
+pub fn whole_from_file(path: &Path) -> Result<Mesh, SceneError> {
+    Ok(mesh_of(obj::read(path)?))
+}
+
+/// A sphere with bumps of about so many triangles.
+pub fn bumpy_mesh(triangles: u32) -> Mesh {
+    mesh_of(bumpy_sphere(triangles))
+}
+
 /// The same block of spheres with bumps, for machines without the model.
 pub fn generated(block: Block) -> Scene {
     let name = format!("bumpy_sphere_{}", block.len());
@@ -141,6 +154,12 @@ fn bumpy_sphere(triangles: u32) -> ObjMesh {
     sphere
 }
 
+/// With smooth normals.
+fn mesh_of(model: ObjMesh) -> Mesh {
+    let normals = shapes::smooth_normals(&model.positions, &model.indices);
+    shapes::mesh(model.positions, normals, model.indices)
+}
+
 /// One metre large, on the ground, in rows.
 fn arrange(name: String, mut model: ObjMesh, block: Block) -> Scene {
     let bounds = |positions: &[[f32; 3]]| {
@@ -158,8 +177,7 @@ fn arrange(name: String, mut model: ObjMesh, block: Block) -> Scene {
         *at = ((Vec3::from(*at) - foot) / size).to_array();
     }
     let (low, high) = bounds(&model.positions);
-    let normals = shapes::smooth_normals(&model.positions, &model.indices);
-    let mesh = shapes::mesh(model.positions, normals, model.indices);
+    let mesh = mesh_of(model);
     let pitch = PITCH * (high - low);
     let middle = 0.5 * (block.count.as_vec3() - 1.0) * Vec3::new(1.0, 0.0, 1.0);
     let objects: Vec<Object> = (0..block.len() as u32)

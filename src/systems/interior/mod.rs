@@ -4,9 +4,9 @@
 //! | Step | Where | On the main thread |
 //! |---|---|---|
 //! | the model is looked through until all is loaded and still | `walk`, `node` | in slices |
-//! | positions and indices are copied | [`gather`](super::gather) | in slices |
+//! | positions and indices are copied | `gather` | in slices |
 //! | it is culled, and what of each mesh stays is worked out | `work` | – |
-//! | trimmed meshes are made of what stays | `build`, [`submesh`](super::submesh) | in slices |
+//! | trimmed meshes are made of what stays | `build`, `submesh` | in slices |
 //! | nodes are hidden, trimmed meshes shown | [`apply`] | in slices |
 //! | whatever could uncover something is noticed, and all restored | [`watch`], [`apply`] | in the very frame |
 //!

@@ -15,7 +15,10 @@ use bevy::{
 };
 
 use super::models::PartOf;
-use crate::interior::{Faces, InteriorCulling, NoInteriorCulling};
+use crate::{
+    interior::{Faces, InteriorCulling, NoInteriorCulling},
+    systems::spherical::spawn::ChunkOf,
+};
 
 /// What is looked at of each entity of a model.
 #[derive(QueryData)]
@@ -34,6 +37,8 @@ pub struct NodeQuery {
     pub is_out: Has<NoInteriorCulling>,
     pub is_root: Has<InteriorCulling>,
     pub part: Option<&'static PartOf>,
+    /// Drawn in place of what is above it, which counts.
+    pub is_chunk: Has<ChunkOf>,
 }
 
 /// What an entity is.

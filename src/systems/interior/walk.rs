@@ -85,7 +85,9 @@ impl Walk {
         }
         let mut count = 0;
         while let Some(open) = self.open.pop() {
-            if let Ok(item) = ground.nodes.get(open.entity) {
+            if let Ok(item) = ground.nodes.get(open.entity)
+                && !item.is_chunk
+            {
                 if item.part.is_none_or(|part| part.root != job.root)
                     && !(item.is_root && open.above.is_some())
                 {

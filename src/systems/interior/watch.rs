@@ -270,9 +270,7 @@ fn matters(
         for child in children.iter() {
             // Whatever is below a hidden node is dark, a lamp too.
             let is_hidden = item.part.is_some_and(PartOf::is_hidden);
-            if is_hidden && !job.index.contains_key(&child)
-                || has_new_mesh(job, child, nodes, commands)
-            {
+            if has_come(job, child, is_hidden, nodes, commands) {
                 return true;
             }
         }
@@ -310,10 +308,12 @@ fn matters(
         || item.above.map(ChildOf::parent) != above.map(|above| above.entity)
 }
 
-/// Whether something with a mesh has come below; what has none is listened to from now on.
-fn has_new_mesh(
+/// Whether something with a mesh has come below, or below what is hidden anything; what has none is listened to from now
+/// on.
+fn has_come(
     job: &mut Job,
     entity: Entity,
+    is_hidden: bool,
     nodes: &Query<NodeQuery>,
     commands: &mut Commands,
 ) -> bool {
@@ -322,10 +322,11 @@ fn has_new_mesh(
         let Ok(item) = nodes.get(entity) else {
             continue;
         };
-        if item.part.is_some_and(|part| part.root == job.root) || item.is_root {
+        let is_known = item.part.is_some_and(|part| part.root == job.root);
+        if is_known || item.is_root || item.is_chunk {
             continue;
         }
-        if item.mesh.is_some() {
+        if item.mesh.is_some() || is_hidden {
             return true;
         }
         if job.extra.len() == job.extra.capacity() {

@@ -1,4 +1,4 @@
-//! The [background](crate::systems::background): one thread, which culls a model and works out its trimmed meshes.
+//! The background: one thread, which culls a model and works out its trimmed meshes.
 
 use core::num::NonZero;
 use std::sync::{
