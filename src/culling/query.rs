@@ -38,19 +38,18 @@ pub struct Culling<'w, 's> {
             Option<&'static RenderLayers>,
         ),
     >,
-    entities: Query<
-        'w,
-        's,
-        (
-            Option<&'static InheritedVisibility>,
-            Option<&'static RenderLayers>,
-            Option<&'static PartOf>,
-            Has<ChunkOf>,
-        ),
-    >,
+    entities: Query<'w, 's, Seen>,
     chunks: Query<'w, 's, (), With<ChunkOf>>,
     children: Query<'w, 's, &'static Children>,
 }
+
+/// What is looked at of each mesh.
+type Seen = (
+    Option<&'static InheritedVisibility>,
+    Option<&'static RenderLayers>,
+    Option<&'static PartOf>,
+    Has<ChunkOf>,
+);
 
 impl Culling<'_, '_> {
     /// Whether an active camera has a mesh among its visible entities, or any of the chunks that are drawn in its place.

@@ -70,6 +70,7 @@ impl Losses<'_, '_> {
 }
 
 /// See the [module](self).
+#[expect(clippy::too_many_arguments, reason = "each is a kind of change")]
 pub fn follow_roots(
     mut models: ResMut<SphericalModels>,
     roots: Query<RootQuery>,
@@ -227,6 +228,11 @@ fn readable(mesh: &Mesh, chunk_triangles: u32) -> Result<(), Left> {
 #[derive(Resource)]
 pub(crate) struct Announced<M: Material>(pub fn(&M) -> Option<Face>);
 
+type Repainted<M> = (
+    With<SphericalIndex>,
+    Or<(Changed<MeshMaterial3d<M>>, Added<SphericalIndex>)>,
+);
+
 /// Keeps how the entities with materials of a kind are drawn.
 pub(crate) fn follow_material<M: Material>(
     mut models: ResMut<SphericalModels>,
@@ -234,13 +240,7 @@ pub(crate) fn follow_material<M: Material>(
     materials: Option<Res<Assets<M>>>,
     mut events: MessageReader<AssetEvent<M>>,
     roots: Query<(Entity, &MeshMaterial3d<M>, Ref<SphericalIndex>)>,
-    changed: Query<
-        (Entity, &MeshMaterial3d<M>),
-        (
-            With<SphericalIndex>,
-            Or<(Changed<MeshMaterial3d<M>>, Added<SphericalIndex>)>,
-        ),
-    >,
+    changed: Query<(Entity, &MeshMaterial3d<M>), Repainted<M>>,
     mut removed: RemovedComponents<MeshMaterial3d<M>>,
 ) {
     let Some(materials) = materials else {

@@ -66,7 +66,7 @@ pub(super) enum Step {
     /// The background works.
     Work(Work),
     /// Chunks' meshes are made and come to the GPU.
-    Build(Build),
+    Build(Box<Build>),
     Ready(Arc<Indexed>),
     /// Why, in words.
     Failed(String),
@@ -359,7 +359,7 @@ pub fn advance_indices(mut models: ResMut<SphericalModels>, mut meshes: ResMut<A
                         *step = Step::Work(work);
                         break;
                     }
-                    Some(Ok(made)) => Step::Build(Build::new(made)),
+                    Some(Ok(made)) => Step::Build(Box::new(Build::new(made))),
                     Some(Err(why)) => Step::Failed(why),
                 },
                 Step::Build(mut build) => {

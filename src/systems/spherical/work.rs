@@ -113,7 +113,6 @@ fn make(raw: Raw, key: &Key, is_cancelled: &AtomicBool) -> Option<Result<Made, S
         } else {
             0
         },
-        ..MapSettings::default()
     };
     let maps = match SphericalMaps::build(&raw.positions, &triangles, settings) {
         Ok(maps) => maps,

@@ -8,8 +8,11 @@ use super::{
 };
 use crate::offline::plot::{Axis, LinePlot, Series};
 
-/// P3's tables: case, windows and their size, frames a second without and with the selection, share of triangles drawn.
-const P3: [(&str, u32, [u32; 2], f64, f64, Option<f64>); 9] = [
+/// Case, windows and their size, frames a second without and with the selection, share of triangles drawn.
+type Published = (&'static str, u32, [u32; 2], f64, f64, Option<f64>);
+
+/// P3's tables.
+const P3: [Published; 9] = [
     ("run", 1, [320, 240], 295.0, 486.0, Some(0.094)),
     ("clump", 1, [320, 240], 300.0, 432.0, Some(0.114)),
     ("split", 1, [320, 240], 295.0, 389.0, Some(0.183)),
