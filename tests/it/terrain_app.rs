@@ -295,11 +295,6 @@ fn terrain_and_meshes_hide_each_other() {
     let standing = add_box(&mut offline, Vec3::new(160.0, 30.0, 160.0), 20.0);
     hits(&mut offline, camera);
     offline.step();
-    offline
-        .picture(&target)
-        .unwrap()
-        .save("/tmp/t_box.png")
-        .unwrap();
     let above = count(&offline.picture(&target).unwrap(), is_red);
     assert!(above > 20, "a box on the ground covers {above} pixels");
     // Sunk wholly below the surface it is hidden; halfway, half of it is.

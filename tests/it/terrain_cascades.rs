@@ -155,13 +155,14 @@ impl Scene {
         }
     }
 
-    /// A picture of the scene as it is now, kept under /tmp while one looks at them.
+    /// A picture of the scene as it is now, kept in the directory that SKYLINE_PICTURES names, if it is set.
     fn picture(&mut self, name: &str) -> image::RgbaImage {
         self.offline.settle(self.camera, 10).unwrap();
         self.steps(2);
         let picture = self.offline.picture(&self.picture).unwrap();
-        if std::env::var_os("SKYLINE_PICTURES").is_some() {
-            picture.save(format!("/tmp/cascade_{name}.png")).unwrap();
+        if let Some(directory) = std::env::var_os("SKYLINE_PICTURES") {
+            let path = std::path::Path::new(&directory).join(format!("cascade_{name}.png"));
+            picture.save(path).unwrap();
         }
         picture
     }
