@@ -20,6 +20,7 @@ use bevy::{
     asset::RenderAssetUsages,
     camera::{
         RenderTarget, Viewport,
+        primitives::MeshAabb,
         visibility::{RenderLayers, VisibleEntities},
     },
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
@@ -267,17 +268,11 @@ fn viewports(size: UVec2) -> [Viewport; 3] {
 
 /// Around the origin, and about 2 m large.
 fn unit(mesh: Mesh) -> Mesh {
-    let (least, greatest) = mesh
-        .attribute(Mesh::ATTRIBUTE_POSITION)
-        .and_then(|values| values.as_float3())
-        .into_iter()
-        .flatten()
-        .map(|place| Vec3::from(*place))
-        .fold((Vec3::MAX, Vec3::MIN), |(least, greatest), place| {
-            (least.min(place), greatest.max(place))
-        });
-    let size = (greatest - least).max_element();
-    mesh.translated_by(-(least + greatest) / 2.0)
+    let Some(bounds) = mesh.compute_aabb() else {
+        return mesh;
+    };
+    let size = 2.0 * bounds.half_extents.max_element();
+    mesh.translated_by(-Vec3::from(bounds.center))
         .scaled_by(Vec3::splat(1.6 / size))
 }
 

@@ -1,11 +1,54 @@
 //! Copies the triangles of meshes for the background, some of them a frame.
 
 use bevy::{
-    mesh::{Indices, PrimitiveTopology, VertexAttributeValues},
+    asset::RenderAssetUsages,
+    mesh::{Indices, MeshAccessError, PrimitiveTopology, VertexAttributeValues},
     prelude::*,
 };
 
 use super::slice::Slice;
+
+/// Why a mesh's triangles cannot be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unreadable {
+    /// They are in the render world, or may go there at any time.
+    RenderWorldOnly,
+    /// Morph targets move its vertices.
+    Morphs,
+    /// Lines, points, no positions, attributes of different lengths.
+    NotTriangles,
+}
+
+/// The positions of a mesh of triangles, in a list or in strips, that can be read and will be.
+///
+/// # Errors
+/// [`Unreadable`].
+pub fn readable(mesh: &Mesh) -> Result<&[[f32; 3]], Unreadable> {
+    if !mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
+        return Err(Unreadable::RenderWorldOnly);
+    }
+    let gone = |_: MeshAccessError| Unreadable::RenderWorldOnly;
+    if mesh.try_has_morph_targets().map_err(gone)? {
+        return Err(Unreadable::Morphs);
+    }
+    if !matches!(
+        mesh.primitive_topology(),
+        PrimitiveTopology::TriangleList | PrimitiveTopology::TriangleStrip
+    ) {
+        return Err(Unreadable::NotTriangles);
+    }
+    let Some(VertexAttributeValues::Float32x3(positions)) = mesh
+        .try_attribute_option(Mesh::ATTRIBUTE_POSITION)
+        .map_err(gone)?
+    else {
+        return Err(Unreadable::NotTriangles);
+    };
+    let mut attributes = mesh.try_attributes().map_err(gone)?;
+    if attributes.any(|(_, values)| values.len() != positions.len()) {
+        return Err(Unreadable::NotTriangles);
+    }
+    Ok(positions)
+}
 
 /// So many elements are copied before the clock is looked at.
 const BATCH: usize = 16_384;

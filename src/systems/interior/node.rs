@@ -6,10 +6,7 @@
 use bevy::{
     camera::visibility::{RenderLayers, VisibilityRange},
     ecs::query::QueryData,
-    mesh::{
-        MeshAccessError, PrimitiveTopology, VertexAttributeValues, morph::MeshMorphWeights,
-        skinning::SkinnedMesh,
-    },
+    mesh::{morph::MeshMorphWeights, skinning::SkinnedMesh},
     prelude::*,
     render::render_resource::Face,
 };
@@ -17,7 +14,10 @@ use bevy::{
 use super::models::PartOf;
 use crate::{
     interior::{Faces, InteriorCulling, NoInteriorCulling},
-    systems::spherical::spawn::ChunkOf,
+    systems::{
+        gather::{Unreadable, readable},
+        spherical::spawn::ChunkOf,
+    },
 };
 
 /// What is looked at of each entity of a model.
@@ -155,7 +155,7 @@ impl Judge<'_> {
             return Kind::Pending(mesh, looks.is_none().then_some(material));
         };
         if let Err(why) = readable(source) {
-            return Kind::Left(why);
+            return Kind::Left(why.into());
         }
         if look.is_biased {
             return Kind::Left(Left::Biased);
@@ -175,34 +175,12 @@ impl Judge<'_> {
     }
 }
 
-/// Whether a mesh's triangles can be read, and trimmed if they are a list.
-fn readable(mesh: &Mesh) -> Result<(), Left> {
-    // What is still here may go to the render world at any time.
-    if !mesh
-        .asset_usage
-        .contains(bevy::asset::RenderAssetUsages::MAIN_WORLD)
-    {
-        return Err(Left::RenderWorldOnly);
+impl From<Unreadable> for Left {
+    fn from(why: Unreadable) -> Self {
+        match why {
+            Unreadable::RenderWorldOnly => Self::RenderWorldOnly,
+            Unreadable::Morphs => Self::Deforms,
+            Unreadable::NotTriangles => Self::NotTriangles,
+        }
     }
-    let gone = |_: MeshAccessError| Left::RenderWorldOnly;
-    if mesh.try_has_morph_targets().map_err(gone)? {
-        return Err(Left::Deforms);
-    }
-    if !matches!(
-        mesh.primitive_topology(),
-        PrimitiveTopology::TriangleList | PrimitiveTopology::TriangleStrip
-    ) {
-        return Err(Left::NotTriangles);
-    }
-    let Some(VertexAttributeValues::Float32x3(positions)) = mesh
-        .try_attribute_option(Mesh::ATTRIBUTE_POSITION)
-        .map_err(gone)?
-    else {
-        return Err(Left::NotTriangles);
-    };
-    let mut attributes = mesh.try_attributes().map_err(gone)?;
-    if attributes.any(|(_, values)| values.len() != positions.len()) {
-        return Err(Left::NotTriangles);
-    }
-    Ok(())
 }

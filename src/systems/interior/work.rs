@@ -1,10 +1,7 @@
 //! The background: one thread, which culls a model and works out its trimmed meshes.
 
 use core::num::NonZero;
-use std::sync::{
-    Arc, Mutex,
-    mpsc::{Receiver, TryRecvError, sync_channel},
-};
+use std::sync::Arc;
 
 use bevy::{
     math::DAffine3,
@@ -19,7 +16,7 @@ use crate::{
         Model, Progress, Surface, Verdict, cull_on,
     },
     systems::{
-        background::give_way,
+        background::Job,
         gather::Raw,
         submesh::{Renumbering, SubMesh},
     },
@@ -66,7 +63,7 @@ pub(super) struct Trim {
 pub(super) struct Work {
     pub content: Content,
     progress: Arc<Progress>,
-    result: Mutex<Receiver<Result<Output, InteriorError>>>,
+    job: Job<Result<Output, InteriorError>>,
 }
 
 impl Drop for Work {
@@ -80,24 +77,12 @@ impl Work {
     /// In words: the system gives no thread.
     pub fn begin(content: Content, input: Input) -> Result<Self, String> {
         let progress = Arc::new(Progress::default());
-        let (sender, result) = sync_channel(1);
         let shared = progress.clone();
-        let run = move || {
-            give_way();
-            let output = work(input, &shared);
-            // Whoever waited may be gone.
-            let _ = sender.send(output);
-        };
-        std::thread::Builder::new()
-            .name("interior culling".into())
-            .spawn(run)
-            .map_err(|error| {
-                format!("the system gives no thread to work in the background: {error}")
-            })?;
+        let job = Job::begin("interior culling", move || Some(work(input, &shared)))?;
         Ok(Self {
             content,
             progress,
-            result: Mutex::new(result),
+            job,
         })
     }
 
@@ -111,17 +96,8 @@ impl Work {
     /// # Errors
     /// In words.
     pub fn poll(&mut self) -> Option<Result<Output, String>> {
-        let result = self
-            .result
-            .get_mut()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
-        match result.try_recv() {
-            Ok(output) => Some(output.map_err(|error| error.to_string())),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => Some(Err(
-                "the thread in the background ended without a result".into(),
-            )),
-        }
+        let result = self.job.poll()?;
+        Some(result.and_then(|made| made.map_err(|error| error.to_string())))
     }
 }
 

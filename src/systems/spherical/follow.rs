@@ -3,13 +3,9 @@
 use core::any::TypeId;
 
 use bevy::{
-    asset::RenderAssetUsages,
     camera::visibility::VisibilityRange,
     ecs::{query::QueryData, system::SystemParam},
-    mesh::{
-        MeshAccessError, PrimitiveTopology, VertexAttributeValues, morph::MeshMorphWeights,
-        skinning::SkinnedMesh,
-    },
+    mesh::{PrimitiveTopology, morph::MeshMorphWeights, skinning::SkinnedMesh},
     prelude::*,
     render::render_resource::Face,
 };
@@ -18,7 +14,7 @@ use super::models::{Key, Left, Look, Root, SphericalModels, Step};
 use super::spawn::ChunkOf;
 use crate::{
     spherical::{SphericalCounts, SphericalIndex},
-    systems::gather::Gather,
+    systems::gather::{Gather, Unreadable, readable},
 };
 
 /// What is looked at of each entity.
@@ -190,38 +186,33 @@ fn judge(item: &RootQueryItem, root: &Root, meshes: &Assets<Mesh>) -> Option<Lef
     if item.mesh.is_none() {
         return Some(Left::NotTriangles);
     }
-    readable(meshes.get(root.mesh)?, root.settings.chunk_triangles).err()
+    indexable(meshes.get(root.mesh)?, root.settings.chunk_triangles).err()
 }
 
 /// Whether a mesh's triangles can be read, and are more than one chunk has.
-fn readable(mesh: &Mesh, chunk_triangles: u32) -> Result<(), Left> {
-    // What is still here may go to the render world at any time.
-    if !mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
-        return Err(Left::RenderWorldOnly);
-    }
-    let gone = |_: MeshAccessError| Left::RenderWorldOnly;
-    if mesh.try_has_morph_targets().map_err(gone)? {
-        return Err(Left::Deforms);
-    }
+fn indexable(mesh: &Mesh, chunk_triangles: u32) -> Result<(), Left> {
+    let positions = readable(mesh)?;
     if mesh.primitive_topology() != PrimitiveTopology::TriangleList {
         return Err(Left::NotTriangles);
     }
-    let Some(VertexAttributeValues::Float32x3(positions)) = mesh
-        .try_attribute_option(Mesh::ATTRIBUTE_POSITION)
-        .map_err(gone)?
-    else {
-        return Err(Left::NotTriangles);
-    };
-    let mut attributes = mesh.try_attributes().map_err(gone)?;
-    if attributes.any(|(_, values)| values.len() != positions.len()) {
-        return Err(Left::NotTriangles);
-    }
-    let indices = mesh.try_indices_option().map_err(gone)?;
+    let indices = mesh
+        .try_indices_option()
+        .map_err(|_| Left::RenderWorldOnly)?;
     let corners = indices.map_or(positions.len(), |indices| indices.len());
     if corners / 3 <= chunk_triangles.max(1) as usize {
         return Err(Left::Small);
     }
     Ok(())
+}
+
+impl From<Unreadable> for Left {
+    fn from(why: Unreadable) -> Self {
+        match why {
+            Unreadable::RenderWorldOnly => Self::RenderWorldOnly,
+            Unreadable::Morphs => Self::Deforms,
+            Unreadable::NotTriangles => Self::NotTriangles,
+        }
+    }
 }
 
 /// Which side of a material of a kind is not drawn.

@@ -1,9 +1,8 @@
 //! The background: one thread, which indexes a mesh and says what its chunks have.
 
 use std::sync::{
-    Arc, Mutex,
+    Arc,
     atomic::{AtomicBool, Ordering},
-    mpsc::{Receiver, TryRecvError, sync_channel},
 };
 
 use bevy::{
@@ -15,7 +14,7 @@ use super::models::Key;
 use crate::{
     spherical::{Layout, MapSettings, SphericalChunks, SphericalError, SphericalMaps},
     systems::{
-        background::give_way,
+        background::Job,
         gather::Raw,
         submesh::{Renumbering, SubMesh},
     },
@@ -42,7 +41,7 @@ pub(super) struct Source {
 /// Work that is under way. When this is dropped the thread ends with the step that it is at.
 pub(super) struct Work {
     is_cancelled: Arc<AtomicBool>,
-    result: Mutex<Receiver<Result<Made, SphericalError>>>,
+    job: Job<Result<Made, SphericalError>>,
 }
 
 impl Drop for Work {
@@ -56,25 +55,9 @@ impl Work {
     /// In words: the system gives no thread.
     pub fn begin(raw: Raw, key: &Key) -> Result<Self, String> {
         let is_cancelled = Arc::new(AtomicBool::new(false));
-        let (sender, result) = sync_channel(1);
         let (flag, key) = (is_cancelled.clone(), *key);
-        let run = move || {
-            give_way();
-            if let Some(made) = make(raw, &key, &flag) {
-                // Whoever waited may be gone.
-                let _ = sender.send(made);
-            }
-        };
-        std::thread::Builder::new()
-            .name("spherical index".into())
-            .spawn(run)
-            .map_err(|error| {
-                format!("the system gives no thread to work in the background: {error}")
-            })?;
-        Ok(Self {
-            is_cancelled,
-            result: Mutex::new(result),
-        })
+        let job = Job::begin("spherical index", move || make(raw, &key, &flag))?;
+        Ok(Self { is_cancelled, job })
     }
 
     /// `None`: not yet.
@@ -82,17 +65,8 @@ impl Work {
     /// # Errors
     /// In words.
     pub fn poll(&mut self) -> Option<Result<Made, String>> {
-        let result = self
-            .result
-            .get_mut()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
-        match result.try_recv() {
-            Ok(made) => Some(made.map_err(|error| error.to_string())),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => Some(Err(
-                "the thread in the background ended without a result".into(),
-            )),
-        }
+        let result = self.job.poll()?;
+        Some(result.and_then(|made| made.map_err(|error| error.to_string())))
     }
 }
 

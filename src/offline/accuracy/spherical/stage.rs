@@ -3,7 +3,10 @@
 use core::f32::consts::TAU;
 use std::path::Path;
 
-use bevy::{camera::Viewport, prelude::*};
+use bevy::{
+    camera::{Viewport, primitives::MeshAabb},
+    prelude::*,
+};
 
 use super::{
     Way,
@@ -272,20 +275,13 @@ fn stem(path: &Path) -> String {
 
 /// Around the origin, its box's farthest corner at 1.
 fn centred(mesh: Mesh) -> Mesh {
-    let (least, greatest) = mesh
-        .attribute(Mesh::ATTRIBUTE_POSITION)
-        .and_then(|values| values.as_float3())
-        .into_iter()
-        .flatten()
-        .map(|place| Vec3::from(*place))
-        .fold(
-            (Vec3::INFINITY, Vec3::NEG_INFINITY),
-            |(least, greatest), place| (least.min(place), greatest.max(place)),
-        );
-    let size = (greatest - least).length() / 2.0;
+    let Some(bounds) = mesh.compute_aabb() else {
+        return mesh;
+    };
+    let size = bounds.half_extents.length();
     if !(size > 0.0 && size.is_finite()) {
         return mesh;
     }
-    mesh.translated_by(-(least + greatest) / 2.0)
+    mesh.translated_by(-Vec3::from(bounds.center))
         .scaled_by(Vec3::splat(size.recip()))
 }
