@@ -33,7 +33,7 @@ pub struct SphericalIndex {
     pub bins: Bins,
     /// What is taken for unseen.
     pub mode: SphericalMode,
-    /// How many triangles a chunk has, at most. Fewer leave out more, and cost more each. range: 1.., default: 256
+    /// How many triangles a chunk has, at most. Fewer leave out more, and cost more each. range: 1.., default: 128
     pub chunk_triangles: u32,
     /// What drawing a chunk costs beside its triangles: where chunks would cost more than the mesh, it is drawn whole.
     /// 0 always draws chunks. The default is what was measured on a software renderer; on a GPU that draws triangles
@@ -46,7 +46,7 @@ impl Default for SphericalIndex {
         Self {
             bins: Bins::default(),
             mode: SphericalMode::default(),
-            chunk_triangles: 256,
+            chunk_triangles: 128,
             chunk_cost: 36,
         }
     }

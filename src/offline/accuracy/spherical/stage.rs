@@ -5,6 +5,7 @@ use std::path::Path;
 
 use bevy::{
     camera::{Viewport, primitives::MeshAabb},
+    mesh::VertexAttributeValues,
     prelude::*,
 };
 
@@ -25,7 +26,7 @@ const PATIENCE: u32 = 20_000;
 pub enum Case {
     /// All of it is in view.
     Whole,
-    /// A part around its upper pole: all azimuths (P3's case 1).
+    /// A part around a pole: all azimuths (P3's case 1).
     Run,
     /// A part in the middle of the (θ, φ) map (P3's case 2).
     Clump,
@@ -49,17 +50,18 @@ impl Case {
         }
     }
 
-    /// Where a camera is that looks at a mesh of radius 1 at the origin, and the vertical angle that it sees. `turn`, from
+    /// Where a camera is that looks at a mesh within radius 1 of the origin, and the vertical angle that it sees. `turn`, from
     /// 0 to 1, goes through the views of a case.
     fn view(self, turn: f32) -> (Transform, f32) {
         let (sin, cos) = (TAU * turn).sin_cos();
-        // What is looked at sways by some degrees.
-        let sway = 0.2 * Vec3::new(sin, 0.6 * (2.0 * TAU * turn).sin(), cos);
+        // The eye sways by some degrees.
+        let sway = 0.1 * Vec3::new(sin, 0.6 * (2.0 * TAU * turn).sin(), cos);
         let toward = |way: Vec3| {
-            let (way, at) = ((way + sway).normalize(), 0.55 * (way + sway).normalize());
+            let way = (way + sway).normalize();
             (
-                Transform::from_translation(2.5 * way).looking_at(at, way.any_orthonormal_vector()),
-                0.26,
+                Transform::from_translation(1.5 * way)
+                    .looking_at(Vec3::ZERO, way.any_orthonormal_vector()),
+                10.0_f32.to_radians(),
             )
         };
         match self {
@@ -72,7 +74,8 @@ impl Case {
                     0.75,
                 )
             }
-            Self::Run => toward(Vec3::Y),
+            // From below, whatever stands up from a model is not in between.
+            Self::Run => toward(Vec3::NEG_Y),
             Self::Clump => toward(Vec3::NEG_X),
             Self::Split => toward(Vec3::X),
             Self::Inside => {
@@ -116,18 +119,15 @@ impl Stage {
         let mut offline = Offline::with(cones::register)?;
         let target = offline.target(UVec2::splat(64));
         let world = offline.app.world_mut();
-        let mesh = world.resource_mut::<Assets<Mesh>>().add(centred(mesh));
+        let mesh = world
+            .resource_mut::<Assets<Mesh>>()
+            .add(shaded_by_vertex(centred(mesh)));
         let paint = world
             .resource_mut::<Assets<StandardMaterial>>()
             .add(StandardMaterial {
-                base_color: Color::srgb(0.75, 0.66, 0.55),
-                perceptual_roughness: 0.9,
+                unlit: true,
                 ..default()
             });
-        world.spawn((
-            DirectionalLight::default(),
-            Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.7), Vec3::Y),
-        ));
         let model = world
             .spawn((Mesh3d(mesh.clone()), MeshMaterial3d(paint)))
             .id();
@@ -271,6 +271,27 @@ impl Stage {
 fn stem(path: &Path) -> String {
     let stem = path.file_stem().unwrap_or(path.as_os_str());
     stem.to_string_lossy().into_owned()
+}
+
+/// With the light of a sun in the colours of its vertices: what P3's hardware did, and what leaves most of a frame to the
+/// triangles that the index is about.
+fn shaded_by_vertex(mut mesh: Mesh) -> Mesh {
+    let sun = Vec3::new(0.4, 1.0, 0.7).normalize();
+    let paint = Vec3::new(0.75, 0.66, 0.55);
+    let Some(VertexAttributeValues::Float32x3(normals)) = mesh.attribute(Mesh::ATTRIBUTE_NORMAL)
+    else {
+        return mesh;
+    };
+    let colors: Vec<[f32; 4]> = (normals.iter())
+        .map(|normal| {
+            let light = Vec3::from_array(*normal).dot(sun);
+            // Half of it goes around the terminator, so that no side is flat.
+            let light = 0.08 + 0.6 * (0.5 + 0.5 * light).powi(2);
+            (light * paint).extend(1.0).to_array()
+        })
+        .collect();
+    mesh.insert_attribute(Mesh::ATTRIBUTE_COLOR, colors);
+    mesh
 }
 
 /// Around the origin, its box's farthest corner at 1.
