@@ -15,9 +15,9 @@ pub mod terrain;
 
 use std::path::PathBuf;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-pub use report::{Report, ReportError, Table};
+pub use report::{Found, Picture, Report, ReportError, Table};
 
 use super::{OfflineError, plot::PlotError, render::RenderError};
 
@@ -73,7 +73,7 @@ impl AccuracyError {
 }
 
 /// Several timings of one thing. units: ms
-#[derive(Serialize, Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Serialize, Deserialize, Clone, Copy, Debug, Default, PartialEq)]
 pub struct Timing {
     /// Half of the runs took no longer.
     pub median: f64,
@@ -124,6 +124,10 @@ pub struct Summary {
     pub index: PathBuf,
     /// All files written.
     pub files: Vec<PathBuf>,
+    /// Those of them that are pictures, with what they show.
+    pub pictures: Vec<Picture>,
+    /// What was measured and how.
+    pub head: String,
     /// The most telling figures.
     pub highlights: serde_json::Value,
 }

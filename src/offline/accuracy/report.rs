@@ -6,7 +6,10 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-use serde::Serialize;
+use bevy::platform::time::Instant;
+use serde::{Deserialize, Serialize};
+
+use super::{AccuracyError, Summary};
 
 /// A table: title, heads, rows.
 pub type Table = (String, Vec<String>, Vec<Vec<String>>);
@@ -26,13 +29,40 @@ pub struct ReportError {
     pub reason: String,
 }
 
+/// A picture for pages.
+#[derive(Serialize, Deserialize, Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// File in the report's directory.
+    pub file: String,
+    /// What it shows.
+    pub what: String,
+}
+
+/// What was found, in the end.
+pub struct Found<'a> {
+    /// Heading of the page.
+    pub title: &'a str,
+    /// What was measured and how, in a sentence.
+    pub head: &'a str,
+    /// All figures.
+    pub tables: &'a [Table],
+    /// How times were measured, in words.
+    pub clock: &'static str,
+    /// Name of what did the work.
+    pub adapter: String,
+    /// Result lines written.
+    pub results: usize,
+    /// The most telling figures.
+    pub highlights: serde_json::Value,
+}
+
 /// A directory being filled.
 pub struct Report {
     out: PathBuf,
     effect: &'static str,
+    began: Instant,
     files: Vec<PathBuf>,
-    /// Pictures for the page, with what they show.
-    pictures: Vec<(String, String)>,
+    pictures: Vec<Picture>,
 }
 
 impl Report {
@@ -44,6 +74,7 @@ impl Report {
         let report = Self {
             out: out.to_owned(),
             effect,
+            began: Instant::now(),
             files: Vec::new(),
             pictures: Vec::new(),
         };
@@ -59,8 +90,27 @@ impl Report {
     pub fn file(&mut self, name: &str, what: &str) -> PathBuf {
         let path = self.out.join(name);
         self.files.push(path.clone());
-        self.pictures.push((name.to_owned(), what.to_owned()));
+        self.pictures.push(Picture {
+            file: name.to_owned(),
+            what: what.to_owned(),
+        });
         path
+    }
+
+    /// Writes a picture beside its reference, and what differs in red.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn compare(
+        &mut self,
+        name: &str,
+        what: &str,
+        reference: &image::RgbImage,
+        result: &image::RgbImage,
+    ) -> Result<(), ReportError> {
+        let what = format!("{what}; left the reference, right what differs");
+        let path = self.file(name, &what);
+        self.save(&path, &beside(reference, result))
     }
 
     /// Writes a picture.
@@ -71,6 +121,36 @@ impl Report {
         picture
             .save_with_format(path, image::ImageFormat::Png)
             .map_err(|error| failed(path, &error))
+    }
+
+    /// Writes tables and page, and says what there is now.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn finish(mut self, found: Found) -> Result<Summary, AccuracyError> {
+        let Found {
+            title,
+            head,
+            tables,
+            clock,
+            adapter,
+            results,
+            highlights,
+        } = found;
+        self.tables(head, tables)?;
+        let index = self.index(title, head, tables)?;
+        Ok(Summary {
+            effect: self.effect,
+            adapter,
+            clock,
+            results,
+            seconds: self.began.elapsed().as_secs_f64(),
+            index,
+            files: self.files,
+            pictures: self.pictures,
+            head: head.to_owned(),
+            highlights,
+        })
     }
 
     fn write(&mut self, name: &str, text: &str) -> Result<PathBuf, ReportError> {
@@ -119,7 +199,7 @@ impl Report {
     ///
     /// # Errors
     /// [`ReportError`].
-    pub fn tables(&mut self, head: &str, tables: &[Table]) -> Result<(), ReportError> {
+    fn tables(&mut self, head: &str, tables: &[Table]) -> Result<(), ReportError> {
         let mut text = format!("{head} Measured on {}.\n", utc_now());
         for (title, heads, rows) in tables {
             let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
@@ -140,7 +220,7 @@ impl Report {
     ///
     /// # Errors
     /// [`ReportError`].
-    pub fn index(
+    fn index(
         &mut self,
         title: &str,
         head: &str,
@@ -161,11 +241,11 @@ impl Report {
             date = utc_now(),
             effect = self.effect,
         );
-        for (name, what) in &self.pictures {
+        for Picture { file, what } in &self.pictures {
             let what = escaped(what);
             let _ = writeln!(
                 text,
-                "<figure><img src=\"{name}\" alt=\"{what}\"><figcaption>{what}</figcaption></figure>"
+                "<figure><img src=\"{file}\" alt=\"{what}\"><figcaption>{what}</figcaption></figure>"
             );
         }
         for (title, heads, rows) in tables {
@@ -189,20 +269,31 @@ impl Report {
         self.write("index.html", &text)
     }
 
-    /// Every file written.
-    pub fn into_files(self) -> Vec<PathBuf> {
-        self.files
-    }
 }
 
-fn failed(path: &Path, reason: &dyn std::fmt::Display) -> ReportError {
+/// The reference, the result, and what differs between them in red.
+fn beside(reference: &image::RgbImage, result: &image::RgbImage) -> image::RgbImage {
+    let (width, height) = reference.dimensions();
+    image::RgbImage::from_fn(3 * width, height, |x, y| {
+        let at = x % width;
+        let (a, b) = (reference.get_pixel(at, y), result.get_pixel_checked(at, y));
+        match x / width {
+            0 => *a,
+            1 => b.copied().unwrap_or(image::Rgb([0; 3])),
+            _ if Some(a) != b => image::Rgb([220, 0, 0]),
+            _ => image::Rgb(a.0.map(|value| 192 + value / 4)),
+        }
+    })
+}
+
+pub(super) fn failed(path: &Path, reason: &dyn std::fmt::Display) -> ReportError {
     ReportError {
         path: path.to_owned(),
         reason: reason.to_string(),
     }
 }
 
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
@@ -224,7 +315,7 @@ pub(super) fn short(value: f64) -> String {
 }
 
 /// Date and time of day, by this machine's clock.
-fn utc_now() -> String {
+pub(super) fn utc_now() -> String {
     let seconds = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |past| past.as_secs());
@@ -261,6 +352,18 @@ mod tests {
         assert_eq!(civil(11_016), (2000, 2, 29));
         assert_eq!(civil(19_782), (2024, 2, 29));
         assert_eq!(civil(20_454), (2026, 1, 1));
+    }
+
+    #[test]
+    fn what_differs_is_red_and_nothing_else() {
+        let reference = image::RgbImage::from_pixel(2, 1, image::Rgb([40, 80, 120]));
+        let mut result = reference.clone();
+        result.put_pixel(1, 0, image::Rgb([40, 80, 121]));
+        let all = beside(&reference, &result);
+        assert_eq!(all.dimensions(), (6, 1));
+        assert_eq!(all.get_pixel(3, 0), result.get_pixel(1, 0));
+        assert_eq!(all.get_pixel(4, 0).0, [202, 212, 222]);
+        assert_eq!(all.get_pixel(5, 0).0, [220, 0, 0]);
     }
 
     #[test]

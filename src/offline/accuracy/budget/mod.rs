@@ -11,10 +11,10 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use bevy::{math::UVec2, platform::time::Instant};
+use bevy::math::UVec2;
 use serde::Serialize;
 
-use super::{AccuracyError, Report, Summary, Timing};
+use super::{AccuracyError, Found, Report, Summary, Timing};
 use crate::offline::{
     scenes::city,
     spinner,
@@ -127,7 +127,6 @@ pub struct BudgetError {
 /// # Errors
 /// [`AccuracyError`].
 pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
-    let start = Instant::now();
     let mut report = Report::new(out, "budget")?;
     let progress = spinner();
     progress.set_message("making the scene");
@@ -161,16 +160,13 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
         1e6 * pixel_ms,
         100.0 * measured.misfit,
     );
-    report.tables(&head, &tables)?;
-    let index = report.index("What accuracy costs: the frame budget", &head, &tables)?;
-    Ok(Summary {
-        effect: "budget",
-        adapter,
+    report.finish(Found {
+        title: "What accuracy costs: the frame budget",
+        head: &head,
+        tables: &tables,
         clock: "the wall clock, from a frame's start until the GPU was done; and what was drawn, counted",
+        adapter,
         results: measured.lines.len(),
-        seconds: start.elapsed().as_secs_f64(),
-        index,
-        files: report.into_files(),
         highlights: report::highlights(&measured.lines, stage.cost, measured.misfit),
     })
 }

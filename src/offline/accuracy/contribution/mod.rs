@@ -10,10 +10,10 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use bevy::{math::UVec2, platform::time::Instant};
+use bevy::math::UVec2;
 use serde::Serialize;
 
-use super::{AccuracyError, Report, Summary, Timing};
+use super::{AccuracyError, Found, Report, Summary, Timing};
 use crate::{
     contribution::{ContributionCulling, Exit},
     offline::{
@@ -234,7 +234,6 @@ pub struct ContributionError {
 /// # Errors
 /// [`AccuracyError`].
 pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
-    let start = Instant::now();
     let mut report = Report::new(out, "contribution")?;
     let progress = spinner();
     progress.set_message("making the scene");
@@ -272,16 +271,13 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
         plan.size.x,
         plan.size.y,
     );
-    report.tables(&head, &tables)?;
-    let index = report.index("What accuracy costs: contribution culling", &head, &tables)?;
-    Ok(Summary {
-        effect: "contribution",
-        adapter,
+    report.finish(Found {
+        title: "What accuracy costs: contribution culling",
+        head: &head,
+        tables: &tables,
         clock: "the wall clock, from a frame's start until the GPU was done",
+        adapter,
         results: lines.len(),
-        seconds: start.elapsed().as_secs_f64(),
-        index,
-        files: report.into_files(),
         highlights: report::highlights(&lines),
     })
 }

@@ -18,7 +18,7 @@ mod views;
 use core::num::NonZero;
 use std::path::{Path, PathBuf};
 
-use bevy::{math::DVec3, platform::time::Instant};
+use bevy::math::DVec3;
 use indicatif::ProgressBar;
 use serde::Serialize;
 
@@ -26,7 +26,7 @@ use self::{
     truth::Walls,
     views::{Shown, View},
 };
-use super::{AccuracyError, Report, Summary, Timing};
+use super::{AccuracyError, Found, Report, Summary, Timing};
 use crate::{
     interior::{
         Faces, Grid, InteriorCulling, Mode, Model, Outcome, Progress, Stage, Transparent, Verdict,
@@ -208,7 +208,6 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
         plan.grids.len() * Way::ALL.len() <= u64::BITS as usize,
         "more than 21 grids"
     );
-    let start = Instant::now();
     let mut report = Report::new(out, "interior")?;
     let progress = spinner();
     let mut lines = Vec::new();
@@ -257,16 +256,13 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
         notes.join("; "),
         plan.rounds
     );
-    report.tables(&head, &tables)?;
-    let index = report.index("What accuracy costs: interior culling", &head, &tables)?;
-    Ok(Summary {
-        effect: "interior",
-        adapter,
+    report.finish(Found {
+        title: "What accuracy costs: interior culling",
+        head: &head,
+        tables: &tables,
         clock: "the wall clock, of all stages",
+        adapter,
         results: lines.len(),
-        seconds: start.elapsed().as_secs_f64(),
-        index,
-        files: report.into_files(),
         highlights: report::highlights(&lines),
     })
 }

@@ -11,10 +11,10 @@ mod setting;
 
 use std::path::{Path, PathBuf};
 
-use bevy::{math::UVec2, math::UVec3, platform::time::Instant};
+use bevy::math::{UVec2, UVec3};
 use serde::Serialize;
 
-use super::{AccuracyError, Report, Summary, Timing};
+use super::{AccuracyError, Found, Report, Summary, Timing};
 use crate::{
     occlusion::{OccludeeVolume, Recheck, Sampling, ZBufferOcclusion},
     offline::{
@@ -276,7 +276,6 @@ impl OcclusionError {
 /// # Errors
 /// [`AccuracyError`].
 pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
-    let start = Instant::now();
     let mut report = Report::new(out, "occlusion")?;
     let progress = spinner();
     let (mut lines, mut rests) = (Vec::new(), Vec::new());
@@ -316,16 +315,13 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
         "{}×{} px; {adapter}; times are medians of whole frames until the GPU was done, {} alternating rounds.",
         plan.size.x, plan.size.y, plan.rounds,
     );
-    report.tables(&head, &tables)?;
-    let index = report.index("What accuracy costs: occlusion culling", &head, &tables)?;
-    Ok(Summary {
-        effect: "occlusion",
-        adapter,
+    report.finish(Found {
+        title: "What accuracy costs: occlusion culling",
+        head: &head,
+        tables: &tables,
         clock: "the wall clock, from a frame's start until the GPU was done",
+        adapter,
         results: lines.len(),
-        seconds: start.elapsed().as_secs_f64(),
-        index,
-        files: report.into_files(),
         highlights: highlights.json(),
     })
 }

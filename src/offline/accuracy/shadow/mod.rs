@@ -10,11 +10,11 @@ mod sizes;
 
 use std::path::Path;
 
-use bevy::{math::UVec2, platform::time::Instant, prelude::*};
+use bevy::{math::UVec2, prelude::*};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::{AccuracyError, Report, Summary, Timing, lot::Lot};
+use super::{AccuracyError, Found, Report, Summary, Timing, lot::Lot};
 use crate::{
     offline::{
         render::{Clock, Sun},
@@ -472,7 +472,6 @@ pub fn measure(
     plan: &Plan,
     out: &Path,
 ) -> Result<Summary, AccuracyError> {
-    let start = Instant::now();
     let mut report = Report::new(out, "shadow")?;
     let map_field = coarser(&field, block_for(&field, plan.side()))?;
     let lamps = lamps(&map_field, plan);
@@ -529,16 +528,13 @@ pub fn measure(
         plan.judged(),
         plan.penumbra_texels() * 5 / 4,
     );
-    report.tables(&head, &tables)?;
-    let index = report.index("What accuracy costs: terrain shadows", &head, &tables)?;
-    Ok(Summary {
-        effect: "shadow",
-        adapter,
+    report.finish(Found {
+        title: "What accuracy costs: terrain shadows",
+        head: &head,
+        tables: &tables,
         clock,
+        adapter,
         results: lines.len(),
-        seconds: start.elapsed().as_secs_f64(),
-        index,
-        files: report.into_files(),
         highlights,
     })
 }

@@ -1,5 +1,7 @@
 //! P5b's table made again: the same ground with more and more samples, by the CPU and by the GPU.
 
+use bevy::platform::time::Instant;
+
 use super::{
     plain::{PlainEnd, PlainField},
     *,

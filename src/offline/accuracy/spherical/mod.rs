@@ -16,7 +16,7 @@ use indicatif::ProgressBar;
 use serde::Serialize;
 
 use self::stage::{Case, Stage};
-use super::{AccuracyError, Report, Summary, Timing};
+use super::{AccuracyError, Found, Report, Summary, Timing};
 use crate::{
     offline::{scenes::compare::differing_px, spinner},
     spherical::{Bins, SphericalIndex, SphericalMode},
@@ -218,7 +218,6 @@ pub struct SphericalErrors {
 /// # Errors
 /// [`AccuracyError`].
 pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
-    let start = Instant::now();
     let mut report = Report::new(out, "spherical")?;
     let progress = spinner();
     progress.set_message("reading the mesh");
@@ -258,16 +257,13 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
         "{}: {} triangles; {adapter}; times are medians of whole frames until the GPU was done, selection included; wrong pixels in {} views of {}×{} px.",
         stage.name, stage.triangles, plan.views, plan.view_size.x, plan.view_size.y,
     );
-    report.tables(&head, &tables)?;
-    let index = report.index("What accuracy costs: spherical index", &head, &tables)?;
-    Ok(Summary {
-        effect: "spherical",
-        adapter,
+    report.finish(Found {
+        title: "What accuracy costs: spherical index",
+        head: &head,
+        tables: &tables,
         clock: "the wall clock, from a frame's start until the GPU was done",
+        adapter,
         results: lines.len(),
-        seconds: start.elapsed().as_secs_f64(),
-        index,
-        files: report.into_files(),
         highlights: report::highlights(&lines),
     })
 }

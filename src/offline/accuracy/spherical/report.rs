@@ -87,24 +87,15 @@ pub(super) fn picture(
     whole: &image::RgbaImage,
     drawn: &image::RgbaImage,
 ) -> Result<(), AccuracyError> {
-    let (width, height) = whole.dimensions();
-    let side_by_side = image::RgbImage::from_fn(3 * width, height, |x, y| {
-        let (a, b) = (whole.get_pixel(x % width, y), drawn.get_pixel(x % width, y));
-        let [r, g, b_] = match x / width {
-            0 => [a[0], a[1], a[2]],
-            1 => [b[0], b[1], b[2]],
-            _ if a != b => [220, 0, 0],
-            _ => [a[0], a[1], a[2]].map(|value| 192 + value / 4),
-        };
-        image::Rgb([r, g, b_])
-    });
     let name = name(setting);
     let what = format!("{name}: {wrong} px wrong, the most of all views of the whole");
     let stem = format!("wrong_{name}")
         .replace([' ', ','], "_")
         .replace('×', "x");
-    let path = report.file(&format!("{stem}.png"), &what);
-    report.save(&path, &side_by_side)?;
+    let rgb = |picture: &image::RgbaImage| {
+        image::DynamicImage::ImageRgba8(picture.clone()).into_rgb8()
+    };
+    report.compare(&format!("{stem}.png"), &what, &rgb(whole), &rgb(drawn))?;
     Ok(())
 }
 

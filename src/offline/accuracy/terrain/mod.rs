@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::{
-    AccuracyError, Report, Summary, Timing,
+    AccuracyError, Found, Report, Summary, Timing,
     difference::TerrainError,
     percentile,
     report::{Table, short},
@@ -232,7 +232,6 @@ pub fn measure(
     plan: &Plan,
     out: &Path,
 ) -> Result<Summary, AccuracyError> {
-    let start = Instant::now();
     let mut report = Report::new(out, "terrain")?;
     let settings = plan.settings(&field);
     let views = views(&field);
@@ -284,17 +283,14 @@ pub fn measure(
         let of_view: Vec<_> = lines.iter().filter(|line| line.view == view.name).collect();
         tables.extend(view_tables(view, &of_view));
     }
-    report.tables(&head, &tables)?;
-    let index = report.index("What accuracy costs: terrain", &head, &tables)?;
     let highlights = highlights(&views, &lines);
-    Ok(Summary {
-        effect: "terrain",
-        adapter,
+    report.finish(Found {
+        title: "What accuracy costs: terrain",
+        head: &head,
+        tables: &tables,
         clock: clock.words(),
+        adapter,
         results: lines.len(),
-        seconds: start.elapsed().as_secs_f64(),
-        index,
-        files: report.into_files(),
         highlights,
     })
 }
