@@ -2,6 +2,9 @@
 //! features `cli` and `window` as `scripts/test.sh` sets them.
 
 #[cfg(feature = "cli")]
+#[path = "it/accuracy_all.rs"]
+mod accuracy_all;
+#[cfg(feature = "cli")]
 #[path = "it/accuracy_interior.rs"]
 mod accuracy_interior;
 #[cfg(feature = "cli")]

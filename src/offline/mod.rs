@@ -192,8 +192,19 @@ impl Offline {
 
     /// The same, after `configure` has added what else the app needs.
     pub fn with(configure: impl FnOnce(&mut App)) -> Result<Self, OfflineError> {
+        Self::start(|app| {
+            app.add_plugins(SkylinePlugins);
+            configure(app);
+        })
+    }
+
+    /// A headless app with what `configure` adds and nothing else of ours.
+    ///
+    /// # Errors
+    /// As [`Offline::new`].
+    pub fn start(configure: impl FnOnce(&mut App)) -> Result<Self, OfflineError> {
         let mut app = App::new();
-        app.add_plugins((headless_plugins(), SkylinePlugins, RenderDiagnosticsPlugin))
+        app.add_plugins((headless_plugins(), RenderDiagnosticsPlugin))
             .insert_resource(TimeUpdateStrategy::ManualDuration(Duration::from_secs_f64(
                 FRAME_S,
             )));

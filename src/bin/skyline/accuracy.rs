@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use bevy_skyline::offline::accuracy::{
-    AccuracyError, budget, contribution, interior, occlusion, scene::mountains, shadow, spherical,
-    terrain,
+    AccuracyError, all, budget, contribution, growth, idle, interior, occlusion, scene::Ground,
+    shadow, spherical, terrain,
 };
+use bevy_skyline::terrain::HeightFieldNote;
 use clap::{Args, ValueEnum};
 
 use crate::{
@@ -70,6 +71,12 @@ pub(crate) enum AccuracyEffect {
     Interior,
     /// Spherical index of a mesh (P3).
     Spherical,
+    /// By which power of a scene's size each effect's cost grows.
+    Growth,
+    /// What the plugins cost in a scene that uses none of them.
+    Idle,
+    /// All of these and one page; what a run that was cut off has done is not done again.
+    All,
 }
 
 pub(crate) fn run(args: &AccuracyArgs) -> Result<(), CliError> {
@@ -79,6 +86,8 @@ pub(crate) fn run(args: &AccuracyArgs) -> Result<(), CliError> {
         AccuracyEffect::Budget => return run_budget(args),
         AccuracyEffect::Interior => return run_interior(args),
         AccuracyEffect::Spherical => return run_spherical(args),
+        AccuracyEffect::Growth | AccuracyEffect::Idle => return run_plain(args),
+        AccuracyEffect::All => return run_all(args),
         AccuracyEffect::Terrain => false,
         AccuracyEffect::Shadow => true,
     };
@@ -94,26 +103,11 @@ pub(crate) fn run(args: &AccuracyArgs) -> Result<(), CliError> {
                 .into(),
         ));
     }
-    let (field, notes, name) = match &args.heightmap {
-        Some(path) => {
-            let stem = path.file_stem().unwrap_or(path.as_os_str());
-            let (field, notes) = read(path, &args.scale)?;
-            (field, notes, stem.to_string_lossy().into_owned())
-        }
+    let (Ground { field, name }, notes) = match ground(args)? {
+        Some(found) => found,
         None => {
-            if args.scale.spacing.is_some() || args.scale.height_range.is_some() {
-                return Err(CliError::Usage(
-                    "--spacing and --height-range say how to read a --heightmap, and none is given"
-                        .into(),
-                ));
-            }
-            let samples = match of_shadow {
-                _ if args.quick => 257,
-                false => 1025,
-                true => 4096,
-            };
-            let field = mountains(samples).map_err(AccuracyError::from)?;
-            (field, Vec::new(), "made_by_code".to_owned())
+            let made = Ground::made_by_code(args.quick, of_shadow).map_err(AccuracyError::from)?;
+            (made, Vec::new())
         }
     };
     let summary = if of_shadow {
@@ -266,6 +260,91 @@ fn run_spherical(args: &AccuracyArgs) -> Result<(), CliError> {
     };
     print_json(&spherical::measure(&plan, &args.out)?);
     Ok(())
+}
+
+/// What takes no scene of the user's.
+fn run_plain(args: &AccuracyArgs) -> Result<(), CliError> {
+    let is_growth = matches!(args.effect, AccuracyEffect::Growth);
+    refuse_field(args, "growth and idle make their own scenes")?;
+    let of_scenes = !args.model.is_empty()
+        || args.city.is_some()
+        || !args.scenes.is_empty()
+        || args.path_frames.is_some()
+        || args.rounds.is_some()
+        || args.few_settings;
+    if of_scenes {
+        return Err(CliError::Usage(
+            "growth and idle make their own scenes: they take --quick and --out".into(),
+        ));
+    }
+    let summary = match (is_growth, args.quick) {
+        (true, true) => growth::measure(&growth::Plan::quick(), &args.out)?,
+        (true, false) => growth::measure(&growth::Plan::full(), &args.out)?,
+        (false, true) => idle::measure(&idle::Plan::quick(), &args.out)?,
+        (false, false) => idle::measure(&idle::Plan::full(), &args.out)?,
+    };
+    print_json(&summary);
+    Ok(())
+}
+
+/// Everything, and one page.
+fn run_all(args: &AccuracyArgs) -> Result<(), CliError> {
+    if !args.scenes.is_empty()
+        || args.path_frames.is_some()
+        || args.rounds.is_some()
+        || args.few_settings
+    {
+        return Err(CliError::Usage(
+            "--scenes, --path-frames, --rounds and --few-settings are for one effect: all takes --heightmap, --model and --city"
+                .into(),
+        ));
+    }
+    let is_mesh = |path: &&PathBuf| {
+        let extension = path.extension().unwrap_or_default();
+        extension.eq_ignore_ascii_case("obj")
+    };
+    let (meshes, models): (Vec<_>, Vec<_>) = args.model.iter().partition(is_mesh);
+    if meshes.len() > 1 {
+        return Err(CliError::Usage(
+            "occlusion and spherical are measured with one .obj --model at a time".into(),
+        ));
+    }
+    let (field, notes) = match ground(args)? {
+        Some((Ground { field, name }, notes)) => (Some((field, name)), notes),
+        None => (None, Vec::new()),
+    };
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let plan = all::Plan {
+        quick: args.quick,
+        field,
+        mesh: meshes.first().map(|path| (*path).clone()),
+        models: models.into_iter().cloned().collect(),
+        city: args.city.clone(),
+        command: format!("skyline {}", words.join(" ")),
+    };
+    let summary = all::measure(&plan, &args.out, &mut |told| eprintln!("skyline: {told}"))?;
+    if let Some(path) = &args.heightmap {
+        tell(path, notes);
+    }
+    print_json(&summary);
+    Ok(())
+}
+
+/// The height map that was given, if one was, and what had to be assumed about it.
+fn ground(args: &AccuracyArgs) -> Result<Option<(Ground, Vec<HeightFieldNote>)>, CliError> {
+    let Some(path) = &args.heightmap else {
+        if args.scale.spacing.is_some() || args.scale.height_range.is_some() {
+            return Err(CliError::Usage(
+                "--spacing and --height-range say how to read a --heightmap, and none is given"
+                    .into(),
+            ));
+        }
+        return Ok(None);
+    };
+    let (field, notes) = read(path, &args.scale)?;
+    let stem = path.file_stem().unwrap_or(path.as_os_str());
+    let name = stem.to_string_lossy().into_owned();
+    Ok(Some((Ground { field, name }, notes)))
 }
 
 /// What has no height field takes none.

@@ -1,9 +1,12 @@
 //! What accuracy costs: time and error of every setting, measured in one run on one machine, and the files that
 //! show them. `skyline accuracy`.
 
+pub mod all;
 pub mod budget;
 pub mod contribution;
 mod difference;
+pub mod growth;
+pub mod idle;
 pub mod interior;
 mod lot;
 pub mod occlusion;

@@ -180,22 +180,10 @@ impl Report {
     /// # Errors
     /// [`ReportError`].
     pub fn csv(&mut self, (_, heads, rows): &Table) -> Result<(), ReportError> {
-        let quoted = |cell: &String| {
-            if cell.contains([',', '"', '\n']) {
-                format!("\"{}\"", cell.replace('"', "\"\""))
-            } else {
-                cell.clone()
-            }
-        };
-        let mut text = String::new();
-        for row in std::iter::once(heads).chain(rows) {
-            text.push_str(&row.iter().map(quoted).collect::<Vec<_>>().join(","));
-            text.push('\n');
-        }
-        self.write("results.csv", &text).map(drop)
+        self.write("results.csv", &csv_text(heads, rows)).map(drop)
     }
 
-    /// Writes `table.md`, ready for the docs.
+    /// Writes `table.md`, ready for the docs, and `tables.json` for pages.
     ///
     /// # Errors
     /// [`ReportError`].
@@ -213,19 +201,17 @@ impl Report {
                 text.push_str(&line(row));
             }
         }
-        self.write("table.md", &text).map(drop)
+        self.write("table.md", &text)?;
+        let json = serde_json::to_string(tables)
+            .map_err(|error| failed(&self.out.join("tables.json"), &error))?;
+        self.write("tables.json", &json).map(drop)
     }
 
     /// Writes `index.html`, with every picture and table; returns its path.
     ///
     /// # Errors
     /// [`ReportError`].
-    fn index(
-        &mut self,
-        title: &str,
-        head: &str,
-        tables: &[Table],
-    ) -> Result<PathBuf, ReportError> {
+    fn index(&mut self, title: &str, head: &str, tables: &[Table]) -> Result<PathBuf, ReportError> {
         let mut text = format!(
             "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>{title}</title>\n\
              <style>body{{font:15px/1.5 system-ui,sans-serif;max-width:1500px;margin:2em auto;padding:0 1em}}\
@@ -268,7 +254,23 @@ impl Report {
         text.push_str("</html>\n");
         self.write("index.html", &text)
     }
+}
 
+/// A table as comma-separated values.
+pub(super) fn csv_text(heads: &[String], rows: &[Vec<String>]) -> String {
+    let quoted = |cell: &String| {
+        if cell.contains([',', '"', '\n']) {
+            format!("\"{}\"", cell.replace('"', "\"\""))
+        } else {
+            cell.clone()
+        }
+    };
+    let mut text = String::new();
+    for row in std::iter::once(heads).chain(rows.iter().map(Vec::as_slice)) {
+        text.push_str(&row.iter().map(quoted).collect::<Vec<_>>().join(","));
+        text.push('\n');
+    }
+    text
 }
 
 /// The reference, the result, and what differs between them in red.

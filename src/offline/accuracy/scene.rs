@@ -26,6 +26,32 @@ pub fn mountains(samples: u32) -> Result<HeightField, HeightFieldError> {
     })
 }
 
+/// What terrain and shadows are measured on.
+pub struct Ground {
+    /// The heights.
+    pub field: HeightField,
+    /// What it is called in results.
+    pub name: String,
+}
+
+impl Ground {
+    /// The [`mountains`] that a run without a file takes.
+    ///
+    /// # Errors
+    /// None that is known.
+    pub fn made_by_code(quick: bool, of_shadow: bool) -> Result<Self, HeightFieldError> {
+        let samples = match of_shadow {
+            _ if quick => 257,
+            false => 1025,
+            true => 4096,
+        };
+        Ok(Self {
+            field: mountains(samples)?,
+            name: "made_by_code".to_owned(),
+        })
+    }
+}
+
 /// Octaves of value noise, each half as large and twice as fine as the one before, within ±1.
 pub(in crate::offline) fn fractal(at: Vec2, octaves: u32, shape: impl Fn(f32) -> f32) -> f32 {
     let (mut sum, mut weight, mut scale) = (0.0, 0.5, 1.0);

@@ -26,7 +26,7 @@ pub struct Dot {
     pub ms: f64,
     /// How far off.
     pub error: f64,
-    /// Which kind it is of, by its place among the kinds.
+    /// Which colour it has; grey without one.
     pub kind: Option<usize>,
     /// Whether users get it without asking.
     pub is_default: bool,
@@ -39,8 +39,6 @@ pub struct Dot {
 pub struct Chart {
     /// The error and its unit.
     pub error: String,
-    /// What kinds are called.
-    pub kinds: Vec<String>,
     /// The settings.
     pub dots: Vec<Dot>,
 }
@@ -81,7 +79,13 @@ impl Scale {
     fn ticks(&self) -> Vec<f64> {
         let decades = (self.low * core::f64::consts::LOG10_2).floor() as i32
             ..=((self.low + self.span) * core::f64::consts::LOG10_2).ceil() as i32;
-        for kept in [&[1.0, 1.5, 2.0, 3.0, 5.0, 7.0][..], &[1.0, 2.0, 5.0], &[1.0, 3.0], &[1.0]] {
+        for kept in [
+            &[1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0][..],
+            &[1.0, 1.5, 2.0, 3.0, 5.0, 7.0],
+            &[1.0, 2.0, 5.0],
+            &[1.0, 3.0],
+            &[1.0],
+        ] {
             let ticks: Vec<f64> = decades
                 .clone()
                 .flat_map(|decade| kept.iter().map(move |k| k * 10f64.powi(decade)))
@@ -170,7 +174,9 @@ impl Chart {
         let _ = write!(svg, "<path class=\"front\" d=\"{line}\"/>");
         for dot in &self.dots {
             let (across, up) = place(dot);
-            let colour = dot.kind.map_or("#9a9a9a", |kind| COLOURS[kind % COLOURS.len()]);
+            let colour = dot
+                .kind
+                .map_or("#9a9a9a", |kind| COLOURS[kind % COLOURS.len()]);
             let _ = write!(
                 svg,
                 "<g><title>{}: {}: {} ms, {} {}</title>",
@@ -232,7 +238,6 @@ mod tests {
             let count = dots.len();
             let svg = Chart {
                 error: "px".into(),
-                kinds: vec![],
                 dots,
             }
             .svg();

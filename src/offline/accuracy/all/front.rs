@@ -16,7 +16,7 @@ pub struct Point {
 pub enum Standing {
     /// None is better in something and worse in nothing.
     OnFront,
-    /// One is, but by less time than the setting's own timings lie apart.
+    /// One is, by time alone, and this one was as quick at times.
     Scatter {
         /// The quickest such.
         by: usize,
@@ -60,7 +60,7 @@ pub fn standing(points: &[Point], at: usize) -> Standing {
     };
     // What is as quick and only less wrong cannot be put down to the clock.
     let is_same_error = other.errors == point.errors;
-    let apart = other.ms.median < point.ms.min || other.ms.max < point.ms.median;
+    let apart = other.ms.median < point.ms.min;
     if is_same_error && !apart {
         Standing::Scatter { by }
     } else {

@@ -79,6 +79,20 @@ impl Line {
         })
     }
 
+    /// What was set, without circumstances, which are places in the line.
+    pub fn knobs(&self, circumstances: &[&str]) -> Map<String, Value> {
+        let is_knob = |field: &str| {
+            !circumstances
+                .iter()
+                .any(|place| place.strip_prefix("/setting/") == Some(field))
+        };
+        self.setting
+            .iter()
+            .filter(|(field, _)| is_knob(field))
+            .map(|(field, value)| (field.clone(), value.clone()))
+            .collect()
+    }
+
     /// What was set, in words, without what is given.
     pub fn name(&self, without: &[&str]) -> String {
         let fields = self
@@ -196,7 +210,10 @@ mod tests {
     #[test]
     fn lines_are_grouped_by_scene_and_circumstances_and_named_by_the_rest() {
         let lines = [
-            timed("a", json!({ "way": "slow", "size": 4, "sun": 10.0, "off": null })),
+            timed(
+                "a",
+                json!({ "way": "slow", "size": 4, "sun": 10.0, "off": null }),
+            ),
             timed("a", json!({ "way": "fast", "size": 4.0, "sun": 20.0 })),
             timed("a", json!({ "way": "fast", "size": 4.0, "sun": 10.0 })),
         ];

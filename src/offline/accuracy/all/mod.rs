@@ -212,7 +212,9 @@ const PARTS: [Part; 9] = [
     Part {
         name: "growth",
         title: "How cost grows with size",
-        measure: |plan, out| growth::measure(&plan.pick(growth::Plan::quick, growth::Plan::full), out),
+        measure: |plan, out| {
+            growth::measure(&plan.pick(growth::Plan::quick, growth::Plan::full), out)
+        },
         key: |plan| format!("{:?}", plan.pick(growth::Plan::quick, growth::Plan::full)),
     },
     Part {
@@ -281,7 +283,10 @@ pub fn measure(
     write(&index, &page)?;
     let mut files = vec![index.clone()];
     files.extend(merged(&parts, out)?);
-    let unexplained: usize = verdicts.iter().map(|verdict| verdict.unexplained.len()).sum();
+    let unexplained: usize = verdicts
+        .iter()
+        .map(|verdict| verdict.unexplained.len())
+        .sum();
     Ok(Summary {
         effect: "all",
         adapter: adapters(&parts),
@@ -354,4 +359,141 @@ fn merged(parts: &[Done], out: &Path) -> Result<[PathBuf; 2], ReportError> {
 
 fn write(path: &Path, text: &str) -> Result<(), ReportError> {
     std::fs::write(path, text).map_err(|error| failed(path, &error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan() -> Plan {
+        Plan {
+            quick: true,
+            field: None,
+            mesh: None,
+            models: Vec::new(),
+            city: None,
+            command: "skyline accuracy all --quick --out <DIR>".into(),
+        }
+    }
+
+    /// Every part as if it had been measured: the default, and one that is quicker and more wrong.
+    fn all_done(out: &Path, plan: &Plan) {
+        for part in &PARTS {
+            let directory = out.join(part.name);
+            std::fs::create_dir_all(&directory).expect("a directory");
+            image::RgbImage::new(1200, 30)
+                .save(directory.join("a.png"))
+                .expect("a picture");
+            let shown = shown::SHOWN.iter().find(|shown| shown.effect == part.name);
+            let default = shown.and_then(|shown| (shown.defaults)().into_iter().next());
+            let line = |ms: f64, error: f64, setting: &serde_json::Value| {
+                let mut line = json!({
+                    "effect": part.name,
+                    "scene": "here",
+                    "setting": setting,
+                    "time_ms": Timing::of(vec![ms, 1.01 * ms]),
+                });
+                for (place, _) in shown.map_or(&[][..], |shown| shown.errors) {
+                    match place.strip_prefix("/error/") {
+                        Some(field) => line["error"][field] = json!(error),
+                        None => line[place.trim_start_matches('/')] = json!(error),
+                    }
+                }
+                line
+            };
+            let default = default.unwrap_or(json!({}));
+            let mut other = json!({ "knob": "other" });
+            if let Some(occlusion) = default.get("occlusion") {
+                other["occlusion"] = occlusion.clone();
+            }
+            let lines = [line(2.0, 0.0, &default), line(1.0, 3.0, &other)];
+            let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
+            write(&directory.join("results.jsonl"), &text).expect("results");
+            let tables: Vec<Table> = vec![("t".into(), vec!["a<b".into()], vec![vec!["1".into()]])];
+            write(&directory.join("tables.json"), &json!(tables).to_string()).expect("tables");
+            let mark = Mark {
+                key: (part.key)(plan),
+                version: env!("CARGO_PKG_VERSION").into(),
+                date: "then".into(),
+                summary: Told {
+                    adapter: "an adapter".into(),
+                    seconds: 1.0,
+                    head: "measured".into(),
+                    pictures: vec![crate::offline::accuracy::Picture {
+                        file: "a.png".into(),
+                        what: "a & b".into(),
+                    }],
+                },
+            };
+            write(&directory.join(DONE), &json!(mark).to_string()).expect("a mark");
+        }
+    }
+
+    use crate::offline::accuracy::Timing;
+
+    #[test]
+    fn what_is_done_is_not_done_again_and_the_page_needs_no_other_file() {
+        let out = tempfile::tempdir().expect("a directory");
+        let plan = plan();
+        all_done(out.path(), &plan);
+        let mut told = Vec::new();
+        let summary = measure(&plan, out.path(), &mut |line| told.push(line.to_owned()))
+            .expect("nothing is left to measure");
+        assert_eq!(told.len(), PARTS.len());
+        assert!(told.iter().all(|line| line.contains("done before")));
+        let page = std::fs::read_to_string(&summary.index).expect("a page");
+        for part in &PARTS {
+            assert!(page.contains(&format!("<section id=\"{}\">", part.name)));
+        }
+        assert_eq!(
+            page.matches("<img src=\"data:image/png;base64,").count(),
+            PARTS.len()
+        );
+        assert_eq!(page.matches("<img").count(), PARTS.len());
+        assert!(!page.contains("http") && !page.contains("<link") && !page.contains("src=\"/"));
+        assert!(page.contains("a &amp; b") && page.contains("a&lt;b"));
+        assert!(page.contains("accuracy all --quick --out &lt;DIR&gt;"));
+        // The default is less wrong and slower: on its front, in each of the seven.
+        assert_eq!(
+            page.matches("is on its Pareto front.").count(),
+            shown::SHOWN.len()
+        );
+        assert_eq!(summary.highlights["unexplained"], 0);
+        let text = |name: &str| std::fs::read_to_string(out.path().join(name)).expect("a file");
+        assert_eq!(text("results.jsonl").lines().count(), 2 * PARTS.len());
+        assert_eq!(text("results.csv").lines().count(), 2 * PARTS.len() + 1);
+    }
+
+    #[test]
+    fn what_was_done_with_other_settings_or_is_not_whole_is_measured_again() {
+        let out = tempfile::tempdir().expect("a directory");
+        let plan = plan();
+        all_done(out.path(), &plan);
+        let terrain = out.path().join("terrain");
+        let key = (PARTS[0].key)(&plan);
+        assert!(done_before(&terrain, &key).is_some());
+        let full = Plan {
+            quick: false,
+            ..plan
+        };
+        assert!(done_before(&terrain, &(PARTS[0].key)(&full)).is_none());
+        std::fs::remove_file(terrain.join("a.png")).expect("it is there");
+        assert!(done_before(&terrain, &key).is_none());
+        assert!(done_before(out.path(), &key).is_none());
+    }
+
+    #[test]
+    fn a_default_that_is_beaten_is_told() {
+        let out = tempfile::tempdir().expect("a directory");
+        let plan = plan();
+        all_done(out.path(), &plan);
+        let results = out.path().join("interior/results.jsonl");
+        let text = std::fs::read_to_string(&results).expect("results");
+        // The other is no more wrong now.
+        write(&results, &text.replace("3.0", "0.0")).expect("results");
+        let summary = measure(&plan, out.path(), &mut |_| {}).expect("a page");
+        assert_eq!(summary.highlights["unexplained"], 1);
+        let page = std::fs::read_to_string(&summary.index).expect("a page");
+        assert_eq!(page.matches("Not explained.").count(), 1);
+    }
 }

@@ -26,7 +26,7 @@ const OPEN: usize = 2;
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;max-width:1400px;margin:0 auto;padding:1em}\
 h1{font-size:1.6em}h2{font-size:1.35em;margin-top:2em}\
 nav{position:sticky;top:0;background:#fff;border-bottom:1px solid #ccc;padding:.4em 0;z-index:1}\
-nav a{margin-right:1em;white-space:nowrap}nav a.here{font-weight:bold;color:#000;text-decoration:none}\
+section{scroll-margin-top:6em}nav a{margin-right:1em;white-space:nowrap}nav a.here{font-weight:bold;color:#000;text-decoration:none}\
 img{max-width:100%;border:1px solid #ccc}figure{margin:1.5em 0}figcaption{color:#444}\
 table{border-collapse:collapse;display:block;overflow-x:auto;font-size:13px;margin:.6em 0}\
 td,th{border:1px solid #ccc;padding:.15em .55em;text-align:right;white-space:nowrap}\
@@ -63,7 +63,11 @@ pub struct Verdict {
 }
 
 /// A page, and where defaults are on it.
-pub fn page(plan: &Plan, parts: &[Done], out: &Path) -> Result<(String, Vec<Verdict>), ReportError> {
+pub fn page(
+    plan: &Plan,
+    parts: &[Done],
+    out: &Path,
+) -> Result<(String, Vec<Verdict>), ReportError> {
     let mut verdicts = Vec::new();
     let mut sections = String::new();
     for part in parts {
@@ -96,7 +100,10 @@ pub fn page(plan: &Plan, parts: &[Done], out: &Path) -> Result<(String, Vec<Verd
         } else {
             " open"
         };
-        let _ = write!(sections, "<details{is_open}><summary>All tables of this part</summary>");
+        let _ = write!(
+            sections,
+            "<details{is_open}><summary>All tables of this part</summary>"
+        );
         for table in &part.tables {
             tabled(&mut sections, table);
         }
@@ -164,19 +171,18 @@ fn effect(page: &mut String, shown: &Shown, part: &Done) -> Verdict {
         ..Verdict::default()
     };
     let groups = groups(&part.lines, shown.circumstances);
-    let mut number = 0;
-    for group in &groups {
-        let Some(compared) = Compared::of(shown, group) else {
-            continue;
-        };
+    let all: Vec<(&Group, Compared)> = groups
+        .iter()
+        .filter_map(|group| Some((group, Compared::of(shown, group)?)))
+        .collect();
+    for (number, (group, compared)) in all.iter().enumerate() {
         let open = if number < OPEN { " open" } else { "" };
-        number += 1;
         let _ = write!(
             page,
             "<details{open}><summary>{}</summary>",
             escaped(&group.name)
         );
-        page.push_str(&compared.judge(shown, group, &mut verdict));
+        page.push_str(&compared.judge(shown, group, &all, &mut verdict));
         compared.draw(page);
         page.push_str("</details>");
     }
@@ -185,7 +191,6 @@ fn effect(page: &mut String, shown: &Shown, part: &Done) -> Verdict {
 
 /// A group whose settings can be compared: those that were timed, by the errors that all of them have.
 struct Compared<'a> {
-    shown: &'a Shown,
     errors: Vec<(&'static str, &'static str)>,
     lines: Vec<&'a Line>,
     points: Vec<Point>,
@@ -196,7 +201,7 @@ struct Compared<'a> {
 }
 
 impl<'a> Compared<'a> {
-    fn of(shown: &'a Shown, group: &Group<'a>) -> Option<Self> {
+    fn of(shown: &Shown, group: &Group<'a>) -> Option<Self> {
         let mut lines: Vec<&Line> = group
             .lines
             .iter()
@@ -237,7 +242,6 @@ impl<'a> Compared<'a> {
             }
         }
         Some(Self {
-            shown,
             errors,
             on_front: front(&points),
             lines,
@@ -273,49 +277,50 @@ impl<'a> Compared<'a> {
     }
 
     /// Says where the default is.
-    fn judge(&self, shown: &Shown, group: &Group, verdict: &mut Verdict) -> String {
+    fn judge(
+        &self,
+        shown: &Shown,
+        group: &Group,
+        all: &[(&Group, Self)],
+        verdict: &mut Verdict,
+    ) -> String {
         let Some(at) = self.default else {
             return "<p>The default is not among these settings.</p>".to_owned();
         };
         verdict.groups += 1;
         let own = &self.points[at];
-        let percent = |by: usize| {
-            short(100.0 * (1.0 - self.points[by].ms.median / own.ms.median.max(1e-12)))
+        let beaten = |by: usize| {
+            let quicker = 1.0 - self.points[by].ms.median / own.ms.median.max(1e-12);
+            format!(
+                "number {} ({}) is {} % quicker and no more wrong",
+                by + 1,
+                escaped(&self.name(by)),
+                short(100.0 * quicker)
+            )
         };
+        let default = format!("The default (number {})", at + 1);
         match standing(&self.points, at) {
             Standing::OnFront => {
                 verdict.on_front += 1;
-                format!(
-                    "<p class=\"ok\">The default (number {}) is on its Pareto front.</p>",
-                    at + 1
-                )
+                format!("<p class=\"ok\">{default} is on its Pareto front.</p>")
             }
             Standing::Scatter { by } => {
                 verdict.in_scatter += 1;
                 format!(
-                    "<p class=\"ok\">The default (number {}) is on its Pareto front as far as can be told: number {} ({}) is {} % quicker \
-                     with the same errors, and their timings overlap.</p>",
-                    at + 1,
-                    by + 1,
-                    escaped(&self.name(by)),
-                    percent(by)
+                    "<p class=\"ok\">{default} is on its Pareto front as far as can be told: {}, and it was as quick at times.</p>",
+                    beaten(by)
                 )
             }
             Standing::Behind { by } => {
+                let said = format!("{default} is behind: {}", beaten(by));
                 let reason = shown
                     .reasons
                     .iter()
-                    .find(|reason| (reason.about)(self.lines[by]));
-                let said = format!(
-                    "The default (number {}) is behind number {} ({}), which is {} % quicker and no more wrong",
-                    at + 1,
-                    by + 1,
-                    escaped(&self.name(by)),
-                    percent(by)
-                );
-                if let Some(reason) = reason {
+                    .find(|reason| (reason.about)(self.lines[by]))
+                    .map(|reason| reason.text.to_owned());
+                if let Some(reason) = elsewhere(shown, self.lines[by], all).or(reason) {
                     verdict.explained += 1;
-                    format!("<p>{said}: {}.</p>", reason.text)
+                    format!("<p>{said}: {reason}.</p>")
                 } else {
                     let found = format!("{}: {}", group.name, self.name(by));
                     verdict.unexplained.push(found);
@@ -348,7 +353,6 @@ impl<'a> Compared<'a> {
             });
             let chart = Chart {
                 error: (*name).to_owned(),
-                kinds: self.knobs.clone(),
                 dots: dots.collect(),
             };
             page.push_str(&chart.svg());
@@ -413,8 +417,47 @@ impl<'a> Compared<'a> {
             let _ = write!(page, "<td class=\"text\">{}</td></tr>", marks.join(", "));
         }
         page.push_str("</table>");
-        let _ = self.shown;
     }
+}
+
+/// Where a setting that is better than the default in one scene is worse in another, beyond scatter: the scene in which it is
+/// most so.
+fn elsewhere(shown: &Shown, setting: &Line, all: &[(&Group, Compared)]) -> Option<String> {
+    let mut most: Option<(f64, String)> = None;
+    for (group, compared) in all {
+        let by =
+            |line: &&Line| line.knobs(shown.circumstances) == setting.knobs(shown.circumstances);
+        let (Some(default), Some(by)) = (compared.default, compared.lines.iter().position(by))
+        else {
+            continue;
+        };
+        let (own, other) = (&compared.points[default], &compared.points[by]);
+        let scene = escaped(&group.name);
+        let more_wrong = compared
+            .errors
+            .iter()
+            .zip(own.errors.iter().zip(&other.errors))
+            .find(|(_, (own, other))| other > own);
+        let slower = other.ms.median / own.ms.median.max(1e-12);
+        let found = if let Some(((_, name), (own, other))) = more_wrong {
+            // Whatever it gains in time elsewhere.
+            let text = format!(
+                "in {scene} it is more wrong, {} instead of {} ({name})",
+                short(*other),
+                short(*own)
+            );
+            (f64::INFINITY, text)
+        } else if other.ms.median > own.ms.max {
+            let percent = short(100.0 * (slower - 1.0));
+            (slower, format!("in {scene} it takes {percent} % longer"))
+        } else {
+            continue;
+        };
+        if most.as_ref().is_none_or(|most| found.0 > most.0) {
+            most = Some(found);
+        }
+    }
+    most.map(|(_, text)| format!("elsewhere it is not; {text}"))
 }
 
 /// A picture within the page.

@@ -4,7 +4,7 @@
 use serde_json::{Value, json};
 
 use super::{
-    super::{budget, contribution, interior, occlusion, shadow, spherical, terrain},
+    super::{contribution, interior, occlusion, shadow, spherical, terrain},
     lines::Line,
 };
 
@@ -55,11 +55,7 @@ pub const SHOWN: [Shown; 7] = [
         ],
         circumstances: &[],
         defaults: || vec![terrain::default_setting()],
-        reasons: &[Reason {
-            about: |line| has(line, "traversal", "max-mip") || has(line, "traversal", "hybrid") || has(line, "traversal", "boxes"),
-            text: "which traversal and which size of box is quickest depends on the field, the view and the device: the default is the \
-                   one that is never far behind on any",
-        }],
+        reasons: &[],
     },
     Shown {
         effect: "shadow",
@@ -68,7 +64,10 @@ pub const SHOWN: [Shown; 7] = [
         doc: "docs/terrain_shadow.md",
         errors: &[
             ("/error/wrong_texels", "wrong texels"),
-            ("/error/penumbra_rms", "penumbra, root of the mean squared error"),
+            (
+                "/error/penumbra_rms",
+                "penumbra, root of the mean squared error",
+            ),
         ],
         circumstances: &[
             "/setting/elevation_deg",
@@ -76,11 +75,19 @@ pub const SHOWN: [Shown; 7] = [
             "/setting/radius_m",
         ],
         defaults: || shadow::default_settings(),
-        reasons: &[Reason {
-            about: |line| has(line, "method", "sweep"),
-            text: "a sweep takes horizons for level across the light's disc and is off by up to half a cell: it is for those who move \
-                   a sun every frame; the default is exact, for every light",
-        }],
+        reasons: &[
+            Reason {
+                about: |line| has(line, "method", "sweep"),
+                text: "a sweep takes horizons for level across the light's disc and is off by up to half a cell: it is for those who \
+                       move a sun every frame; the default is exact, for every light",
+            },
+            Reason {
+                about: |line| {
+                    has(line, "method", "plain") || has(line, "method", "plain-above-all")
+                },
+                text: "the CPU makes so small a map in less time than a dispatch takes: it is here to compare with P5b",
+            },
+        ],
     },
     Shown {
         effect: "occlusion",
@@ -89,20 +96,28 @@ pub const SHOWN: [Shown; 7] = [
         doc: "docs/occlusion.md",
         errors: &[
             ("/error/false_cull_px", "pixels lost"),
-            ("/error/missed_culls", "share of what is drawn that nobody sees"),
+            (
+                "/error/missed_culls",
+                "share of what is drawn that nobody sees",
+            ),
         ],
         circumstances: &[],
         defaults: || vec![occlusion::default_setting()],
         reasons: &[
             Reason {
-                about: |line| !has(line, "culling", "z-buffer") && !has(line, "culling", "z-buffer-prepass"),
+                about: |line| {
+                    !has(line, "culling", "z-buffer") && !has(line, "culling", "z-buffer-prepass")
+                },
                 text: "where little is hidden, looking for it is not paid for: in an app the default notices and rests, which is \
                        switched off here so that it can be measured",
             },
             Reason {
-                about: |_| true,
-                text: "finer or coarser tests win by a little in single views; the default is the one that removes most in all views \
-                       without a wrong pixel",
+                about: |line| has(line, "recheck", "never"),
+                text: "what the recheck is for, a camera that jumps, does not happen in a view that stands still",
+            },
+            Reason {
+                about: |line| has(line, "culling", "z-buffer-prepass"),
+                text: "a depth prepass is the app's choice and no knob of this effect: it pays where much is drawn over other things",
             },
         ],
     },
@@ -125,12 +140,19 @@ pub const SHOWN: [Shown; 7] = [
         what: "Holds the frame time to a target by moving the other effects' knobs, cheapest visible loss first (P4 and beyond).",
         doc: "docs/frame_budget.md",
         errors: &[
-            ("/error/frame_ms_std", "standard deviation of the frame time, ms"),
+            (
+                "/error/frame_ms_std",
+                "standard deviation of the frame time, ms",
+            ),
             ("/error/flip_mean", "FLIP, mean"),
         ],
         circumstances: &["/setting/target_ms", "/setting/clock"],
         defaults: || vec![json!({ "policy": "budget" })],
-        reasons: &[],
+        reasons: &[Reason {
+            about: |line| !has(line, "policy", "budget"),
+            text: "a baseline's number was chosen with the whole path known beforehand, so that its mean is the budget's: the budget \
+                   knows no frame before it is there",
+        }],
     },
     Shown {
         effect: "interior",
@@ -140,6 +162,10 @@ pub const SHOWN: [Shown; 7] = [
         errors: &[
             ("/error/false_cull_px", "pixels lost"),
             ("/error/kept_hidden", "share of what stays that nobody sees"),
+            (
+                "/gap",
+                "gap that something must show through to stay for sure, units of the model",
+            ),
         ],
         circumstances: &[],
         defaults: interior::default_settings,

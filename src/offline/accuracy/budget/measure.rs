@@ -17,6 +17,8 @@ pub(super) struct Measured {
     pub lines: Vec<BudgetLine>,
     /// The frames of each run that is drawn as a plot: those of the middle target.
     pub shown: Vec<Shown>,
+    /// The budget's worst frame at each middle target: what it is, the unculled picture, and its own.
+    pub worst: Vec<(String, RgbImage, RgbImage)>,
     /// How far the counted cost is from what it was learned from.
     pub misfit: f64,
 }
@@ -34,6 +36,8 @@ pub(super) struct Shown {
 struct Seen {
     run: Run,
     flip_mean: f64,
+    /// The frame that is farthest off: how far, which, and its picture.
+    worst: Option<(f64, usize, RgbImage)>,
 }
 
 fn pictures_of(
@@ -64,10 +68,22 @@ fn see(stage: &mut WorkloadStage, policy: &Policy, along: &Along) -> Result<Seen
     along.progress.inc(1);
     // After the run: nothing of it falls into the frames' times.
     let whole = along.whole;
-    let flips = whole.iter().zip(&pictures).map(|(a, b)| flip_mean(a, b));
+    let flips: Vec<f64> = whole
+        .iter()
+        .zip(&pictures)
+        .map(|(a, b)| flip_mean(a, b))
+        .collect();
+    let worst = flips
+        .iter()
+        .copied()
+        .zip(0..)
+        .zip(pictures)
+        .max_by(|((a, _), _), ((b, _), _)| a.total_cmp(b))
+        .map(|((flip, frame), picture)| (flip, frame, picture));
     Ok(Seen {
         run,
-        flip_mean: flips.sum::<f64>() / whole.len().max(1) as f64,
+        flip_mean: flips.iter().sum::<f64>() / whole.len().max(1) as f64,
+        worst,
     })
 }
 
@@ -80,6 +96,7 @@ pub(super) fn measure_all(
     let mut measured = Measured {
         lines: Vec::new(),
         shown: Vec::new(),
+        worst: Vec::new(),
         misfit: misfit.unwrap_or(0.0),
     };
     let mut lightest_ms = Vec::new();
@@ -99,6 +116,7 @@ pub(super) fn measure_all(
         let none = Seen {
             run: none,
             flip_mean: 0.0,
+            worst: None,
         };
         for (&occludes, &lightest_ms) in plan.occludes.iter().zip(&lightest_ms) {
             stage.set_occludes(occludes);
@@ -160,6 +178,13 @@ fn measure_path(
                 measured.lines.push(line(stage, &name, of, goal, plan));
             }
             if index == plan.targets.len() / 2 {
+                if let Some((flip, frame, picture)) = seen[0].worst.take() {
+                    let what = format!(
+                        "{name}, the budget at {target_ms:.2} ms ({}): frame {frame}, the worst, FLIP {flip:.4}",
+                        clock.name()
+                    );
+                    measured.worst.push((what, whole[frame].clone(), picture));
+                }
                 let mut runs: Vec<Run> = vec![frustum.run.clone()];
                 runs.extend(seen.into_iter().rev().map(|of| of.run));
                 measured.shown.push(Shown {

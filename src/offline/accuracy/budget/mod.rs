@@ -136,6 +136,9 @@ pub fn measure(plan: &Plan, out: &Path) -> Result<Summary, AccuracyError> {
     progress.finish_and_clear();
 
     report::draw(&mut report, &measured)?;
+    for (at, (what, whole, picture)) in measured.worst.iter().enumerate() {
+        report.compare(&format!("worst_{at}.png"), what, whole, picture)?;
+    }
     report.results(&measured.lines)?;
     report.csv(&report::csv(&measured.lines))?;
     let tables = report::tables(&measured.lines);

@@ -109,12 +109,11 @@ pub(super) fn measure_view(
                 ..line(stage, scene.clone(), setting, plan)
             });
             let shown =
-                setting.depth == Depth::Off && [0.0, 16.0, 256.0].contains(&setting.threshold_px2);
+                setting.depth == Depth::Off && [16.0, 256.0].contains(&setting.threshold_px2);
             if shown {
                 let file = format!("{}_{}.png", scene.replace('/', "_"), setting.threshold_px2);
                 let what = format!("{scene}, threshold {} px²", setting.threshold_px2);
-                let path = report.file(&file, &what);
-                report.save(&path, &picture)?;
+                report.compare(&file, &what, whole, &picture)?;
             }
         }
     }

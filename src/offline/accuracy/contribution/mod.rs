@@ -189,6 +189,20 @@ pub struct SettingLine {
     pub weigh_by_visibility: bool,
 }
 
+/// The default, as lines name it: without occlusion culling, and with it.
+pub(super) fn default_settings() -> Vec<serde_json::Value> {
+    let of = |depth| {
+        serde_json::json!(
+            Setting {
+                depth,
+                ..Setting::default()
+            }
+            .named()
+        )
+    };
+    vec![of(Depth::Off), of(Depth::Weighed)]
+}
+
 /// One line of `results.jsonl`.
 #[derive(Serialize, Clone, Debug)]
 pub struct ContributionLine {

@@ -10,7 +10,7 @@
 //! - `kept_hidden`: share of the triangles that stay though nobody sees them: they show in no view, and no ray from them
 //!   gets out (`truth.rs`); where it is known how a model was made, by that too.
 
-mod machine;
+pub(super) mod machine;
 mod report;
 mod truth;
 mod views;
@@ -78,7 +78,7 @@ impl Plan {
     pub fn quick() -> Self {
         Self {
             machine_triangles: 300_000,
-            grids: vec![32, 64, 128],
+            grids: vec![64, 128, 256],
             views: 60,
             size: 256,
             rays: (1, 24),
@@ -88,7 +88,7 @@ impl Plan {
     }
 }
 
-fn threads() -> NonZero<usize> {
+pub(super) fn threads() -> NonZero<usize> {
     std::thread::available_parallelism().unwrap_or(NonZero::<usize>::MIN)
 }
 
@@ -141,6 +141,15 @@ pub struct SettingLine {
     pub mode: &'static str,
     /// Cells on the longest side.
     pub resolution: u32,
+}
+
+/// The default, as lines name it.
+pub(super) fn default_settings() -> Vec<serde_json::Value> {
+    let Grid::Resolution(resolution) = Grid::default() else {
+        return Vec::new();
+    };
+    let mode = Way::Conservative.name();
+    vec![serde_json::json!(SettingLine { mode, resolution })]
 }
 
 /// One line of `results.jsonl`.

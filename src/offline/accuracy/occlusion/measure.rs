@@ -34,13 +34,20 @@ pub(super) fn measure_scene(
     let views = stage.scene.views.clone();
     for (index, (view, seen)) in views.iter().zip(seen).enumerate() {
         let settings = plan.settings(every && index == 0);
-        let picture = measure_view(&mut stage, view, seen, &settings, plan, progress, lines)?;
+        let looked = measure_view(&mut stage, view, seen, &settings, plan, progress, lines)?;
         let name = format!("{}_{}", stage.scene.name, view.name);
-        let path = report.file(
-            &format!("{name}.png"),
-            &format!("{}, {}: {seen} objects show", stage.scene.name, view.name),
+        let (file, what) = (
+            format!("{name}.png"),
+            format!("{}, {}: {seen} objects show", stage.scene.name, view.name),
         );
-        report.save(&path, &image::DynamicImage::ImageRgba8(picture).into_rgb8())?;
+        let whole = rgb(looked.whole);
+        if let Some((lost_px, by, picture)) = looked.worst {
+            let what = format!("{what}; {by} loses {lost_px} px, the most of all settings");
+            report.compare(&file, &what, &whole, &rgb(picture))?;
+        } else {
+            let path = report.file(&file, &what);
+            report.save(&path, &whole)?;
+        }
     }
     // From there next to nothing is hidden.
     for view in views.iter().filter(|view| view.name == "above") {
@@ -63,7 +70,20 @@ fn seen_objects(scene: &Scene, size: UVec2) -> Result<Vec<usize>, AccuracyError>
     views.collect()
 }
 
-/// Measures one view with every setting; returns its unculled picture.
+/// Pictures of a view.
+#[derive(Default)]
+struct Looked {
+    /// The unculled one.
+    whole: image::RgbaImage,
+    /// Of the setting that loses most, if any loses a pixel: how many, its name, its picture.
+    worst: Option<(u64, String, image::RgbaImage)>,
+}
+
+fn rgb(picture: image::RgbaImage) -> image::RgbImage {
+    image::DynamicImage::ImageRgba8(picture).into_rgb8()
+}
+
+/// Measures one view with every setting.
 fn measure_view(
     stage: &mut SceneStage,
     view: &View,
@@ -72,7 +92,8 @@ fn measure_view(
     plan: &Plan,
     progress: &ProgressBar,
     lines: &mut Vec<OcclusionLine>,
-) -> Result<image::RgbaImage, AccuracyError> {
+) -> Result<Looked, AccuracyError> {
+    let mut looked = Looked::default();
     stage.look(view.transform);
     let first = lines.len();
     let mut whole: Option<Frame> = None;
@@ -81,6 +102,11 @@ fn measure_view(
         let drawn = stage.drawn()?;
         let frame = stage.frame()?;
         let difference = frame.difference(whole.get_or_insert_with(|| frame.clone()));
+        let most = looked.worst.as_ref().map_or(0, |(lost_px, ..)| *lost_px);
+        if difference.lost_px > most {
+            let name = Setting::of(culling).words();
+            looked.worst = Some((difference.lost_px, name, frame.colour.clone()));
+        }
         lines.push(OcclusionLine {
             objects: Objects {
                 all: stage.scene.objects.len(),
@@ -125,7 +151,8 @@ fn measure_view(
     for (line, times) in lines[first..].iter_mut().zip(times) {
         line.time_ms = Timing::of(times);
     }
-    Ok(whole.map(|frame| frame.colour).unwrap_or_default())
+    looked.whole = whole.map(|frame| frame.colour).unwrap_or_default();
+    Ok(looked)
 }
 
 /// Follows a path with every setting; the unculled frames are the reference.

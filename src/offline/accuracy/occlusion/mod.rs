@@ -205,6 +205,11 @@ impl Plan {
     }
 }
 
+/// The default, as lines name it.
+pub(super) fn default_setting() -> serde_json::Value {
+    serde_json::json!(Setting::of(&Culling::ZBuffer(ZBufferOcclusion::default())))
+}
+
 /// One line of `results.jsonl`.
 #[derive(Serialize, Clone, Debug)]
 pub struct OcclusionLine {

@@ -23,7 +23,7 @@ use crate::{
     },
     reference::terrain_shadow::{ShadowTally, ShadowTwin, ShadowVerdict},
     terrain::{HeightField, HeightFieldError, HeightSamples},
-    terrain_shadow::{ShadowMethod, light::GridLight},
+    terrain_shadow::{ShadowMethod, TerrainShadow, light::GridLight},
 };
 
 /// Azimuth of every sun. units: degrees
@@ -130,6 +130,15 @@ pub struct Setting {
     pub angular_size_deg: Option<f64>,
     /// Of a point light. units: m
     pub radius_m: Option<f64>,
+}
+
+/// The default, as lines name it: of hard shadows, and of penumbrae.
+pub(super) fn default_settings() -> Vec<serde_json::Value> {
+    let default = TerrainShadow::default();
+    let method = method_name(default.method);
+    [0, default.penumbra_strips]
+        .map(|strips| serde_json::json!({ "method": method, "strips": strips }))
+        .into()
 }
 
 /// How far a map is off.

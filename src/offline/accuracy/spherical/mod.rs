@@ -171,6 +171,11 @@ impl SettingLine {
     }
 }
 
+/// The default, as lines name it.
+pub(super) fn default_setting() -> serde_json::Value {
+    serde_json::json!(Way::Index(SphericalIndex::default()).named())
+}
+
 /// One line of `results.jsonl`.
 #[derive(Serialize, Clone, Debug)]
 pub struct SphericalLine {

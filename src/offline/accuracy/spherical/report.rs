@@ -92,9 +92,8 @@ pub(super) fn picture(
     let stem = format!("wrong_{name}")
         .replace([' ', ','], "_")
         .replace('×', "x");
-    let rgb = |picture: &image::RgbaImage| {
-        image::DynamicImage::ImageRgba8(picture.clone()).into_rgb8()
-    };
+    let rgb =
+        |picture: &image::RgbaImage| image::DynamicImage::ImageRgba8(picture.clone()).into_rgb8();
     report.compare(&format!("{stem}.png"), &what, &rgb(whole), &rgb(drawn))?;
     Ok(())
 }

@@ -183,6 +183,11 @@ impl Setting {
     }
 }
 
+/// The default, as lines name it.
+pub(super) fn default_setting() -> serde_json::Value {
+    serde_json::json!(Setting::of(&TerrainRayCasting::default()))
+}
+
 /// Nodes and cells read for each pixel.
 #[derive(Serialize, Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reads {
@@ -300,6 +305,8 @@ struct Measured {
     lines: Vec<TerrainLine>,
     /// Reads per pixel of the settings that heat maps show.
     heat: Vec<(String, Vec<u32>)>,
+    /// The default traversal with the most error allowed: in words, and its picture.
+    coarsest: Option<(String, image::RgbImage)>,
     exact: image::RgbImage,
 }
 
@@ -317,6 +324,8 @@ fn measure_view(
     let mut slow = vec![false; settings.len()];
     let mut lines: Vec<TerrainLine> = Vec::new();
     let mut heat = Vec::new();
+    let mut coarsest = None;
+    let most_px = plan.errors_px().iter().copied().fold(0.0, f32::max);
     let mut exact: Option<(HitImage, image::RgbImage)> = None;
     for (index, casting) in settings.iter().enumerate() {
         let setting = Setting::of(casting);
@@ -360,6 +369,10 @@ fn measure_view(
                 hits.reads().collect(),
             ));
         }
+        let default = TerrainRayCasting::default();
+        if casting.traversal == default.traversal && casting.max_error_px == most_px {
+            coarsest = Some((words(&setting), picture));
+        }
         lines.push(TerrainLine {
             effect: "terrain",
             scene: String::new(),
@@ -399,7 +412,12 @@ fn measure_view(
         line.pass_ms = medians.collect();
     }
     let exact = exact.map(|(_, picture)| picture).unwrap_or_default();
-    Ok(Measured { lines, heat, exact })
+    Ok(Measured {
+        lines,
+        heat,
+        coarsest,
+        exact,
+    })
 }
 
 /// Draws more frames, if it must, until the box list has room for its boxes; returns their number.

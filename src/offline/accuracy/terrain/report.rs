@@ -84,11 +84,14 @@ pub(super) fn draw(
     measured: &Measured,
 ) -> Result<(), AccuracyError> {
     let lines: Vec<_> = measured.lines.iter().collect();
-    let path = report.file(
-        &format!("picture_{}.png", view.name),
-        &format!("The exact picture, {}", view.what),
-    );
-    report.save(&path, &measured.exact)?;
+    let file = format!("picture_{}.png", view.name);
+    if let Some((setting, picture)) = &measured.coarsest {
+        let what = format!("{}: {setting}", view.what);
+        report.compare(&file, &what, &measured.exact, picture)?;
+    } else {
+        let path = report.file(&file, &format!("The exact picture, {}", view.what));
+        report.save(&path, &measured.exact)?;
+    }
     let panels: Vec<_> = measured
         .heat
         .iter()
