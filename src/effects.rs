@@ -118,6 +118,19 @@ impl Effects {
     }
 }
 
+/// Run condition: an entity has the component that asks for an effect, or had it until now, or the effect is not dormant yet.
+///
+/// What it guards does nothing in a scene that doesn't call for it, and is run once more when the last component is gone.
+pub(crate) fn is_called_for<C: Component>(
+    effect: Effect,
+) -> impl FnMut(Query<(), With<C>>, RemovedComponents<C>, Option<Res<Effects>>) -> bool + Clone {
+    move |asking, mut removed, effects| {
+        let was_removed = removed.read().count() > 0;
+        let is_awake = effects.is_none_or(|effects| *effects.state(effect) != EffectState::Dormant);
+        !asking.is_empty() || was_removed || is_awake
+    }
+}
+
 impl EffectState {
     /// Makes this [`EffectState::Active`] and returns its activity, keeping the text's memory.
     pub(crate) fn activity(&mut self) -> &mut Activity {

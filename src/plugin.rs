@@ -14,19 +14,23 @@
 //! | [`BudgetPlugin`] | [`FrameBudget`](crate::budget::FrameBudget), [`WorkloadPolicy`](crate::budget::WorkloadPolicy) | `wake` each frame; where asked for: `begin` and the knobs in `First`, `choose` or `follow_policy` in [`ContributionSteps::Choose`](crate::contribution::ContributionSteps), `note_drawn` after [`CullSystems`](crate::culling::CullSystems), `end` in `Last`; `report_budget` in `Last` | its time, see [`budget::measure`] |
 //! | `PanelPlugin` (feature `panel`; not in the group) | – | while the panel is open: `draw_panel` in `PostUpdate`, `gather` in `Last` | `bevy_egui`'s pass |
 //!
-//! A feature whose component is nowhere in the scene costs its systems' empty queries and nothing else: no
-//! pipeline, no GPU memory, no pass.
+//! A feature whose component is nowhere in the scene costs the question whether it is, and nothing else: its systems are
+//! not run, and there is no pipeline, no GPU memory, no pass.
 
 use bevy::{app::PluginGroupBuilder, prelude::*};
 
 use crate::{
-    budget, contribution,
-    effects::Effects,
-    interior, occlusion,
+    budget,
+    contribution::{self, ContributionCulling},
+    effects::{Effect, Effects, is_called_for},
+    interior::{self, InteriorCulling},
+    occlusion::{self, ZBufferOcclusion},
     render_graph::{
         self, contribution::ContributionStats, occlusion::OcclusionStats, stats::TerrainStats,
     },
-    resolution, spherical, systems, terrain, terrain_shadow,
+    resolution,
+    spherical::{self, SphericalIndex},
+    systems, terrain, terrain_shadow,
 };
 
 /// Every feature of the suite.
@@ -113,7 +117,11 @@ impl Plugin for ContributionPlugin {
         contribution::register(app);
         app.init_resource::<ContributionStats>().add_systems(
             Last,
-            systems::contribution::report_contribution.in_set(ReportSystems),
+            systems::contribution::report_contribution
+                .run_if(is_called_for::<ContributionCulling>(
+                    Effect::ContributionCulling,
+                ))
+                .in_set(ReportSystems),
         );
     }
 
@@ -152,7 +160,9 @@ impl Plugin for OcclusionPlugin {
         occlusion::register(app);
         app.init_resource::<OcclusionStats>().add_systems(
             Last,
-            systems::occlusion::report_occlusion.in_set(ReportSystems),
+            systems::occlusion::report_occlusion
+                .run_if(is_called_for::<ZBufferOcclusion>(Effect::ZBufferOcclusion))
+                .in_set(ReportSystems),
         );
     }
 
@@ -172,7 +182,9 @@ impl Plugin for InteriorPlugin {
         interior::register(app);
         app.add_systems(
             Last,
-            systems::interior::report::report_interior.in_set(ReportSystems),
+            systems::interior::report::report_interior
+                .run_if(is_called_for::<InteriorCulling>(Effect::InteriorCulling))
+                .in_set(ReportSystems),
         );
     }
 
@@ -192,7 +204,9 @@ impl Plugin for SphericalPlugin {
         spherical::register(app);
         app.add_systems(
             Last,
-            systems::spherical::report::report_spherical.in_set(ReportSystems),
+            systems::spherical::report::report_spherical
+                .run_if(is_called_for::<SphericalIndex>(Effect::SphericalIndex))
+                .in_set(ReportSystems),
         );
     }
 

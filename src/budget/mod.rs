@@ -48,6 +48,7 @@ pub use policy::WorkloadPolicy;
 use crate::{
     contribution::{ContributionCamera, ContributionSteps},
     culling::CullSystems,
+    effects::{Effect, is_called_for},
     plugin::ReportSystems,
     systems::{budget as systems, workload_policy::follow_policy},
 };
@@ -259,7 +260,12 @@ pub(crate) fn register(app: &mut App) {
             // All that is removed has been.
             systems::note_drawn.run_if(is_awake).after(CullSystems),
         )
-        .add_systems(Last, systems::report_budget.in_set(ReportSystems))
+        .add_systems(
+            Last,
+            systems::report_budget
+                .run_if(is_called_for::<FrameBudget>(Effect::FrameBudget))
+                .in_set(ReportSystems),
+        )
         .add_systems(
             Last,
             // The frame's work is done when the others have reported, too.

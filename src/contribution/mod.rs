@@ -41,6 +41,7 @@ use rank::Standard;
 
 use crate::{
     culling::{self, CullSteps, CulledEntities, bits::Bits},
+    effects::{Effect, is_called_for},
     occlusion::camera::Mailbox,
     systems::{
         contribution as systems,
@@ -178,6 +179,14 @@ pub(crate) fn register(app: &mut App) {
             )
                 .chain()
                 .in_set(CullSteps::Contribution),
+        )
+        .configure_sets(
+            PostUpdate,
+            (ContributionSteps::Measure, ContributionSteps::Remove).run_if(is_called_for::<
+                ContributionCulling,
+            >(
+                Effect::ContributionCulling,
+            )),
         )
         .add_systems(
             PostUpdate,

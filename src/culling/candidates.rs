@@ -68,6 +68,8 @@ pub struct Candidates {
     epoch: u32,
     /// Time that keeping it up took this frame. units: ms
     pub(crate) update_ms: f32,
+    /// Whether it follows the scene.
+    pub(crate) is_kept: bool,
     /// Groups of candidates, by the entity hierarchy.
     pub(crate) groups: Groups,
 }

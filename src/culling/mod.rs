@@ -28,7 +28,11 @@ pub use culled::{CullReason, CulledEntities};
 pub use query::Culling;
 
 use crate::{
-    occlusion::meshes::{OccludeeMeshes, build_mesh_volumes},
+    contribution::ContributionCulling,
+    occlusion::{
+        ZBufferOcclusion,
+        meshes::{OccludeeMeshes, build_mesh_volumes},
+    },
     systems::candidates::update_candidates,
 };
 
@@ -36,6 +40,14 @@ use crate::{
 /// reads `VisibleEntities` or [`CulledEntities`] runs after it.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CullSystems;
+
+/// Whether a camera asks for the table of candidates, or it is still there.
+fn are_wanted(
+    asking: Query<(), Or<(With<ZBufferOcclusion>, With<ContributionCulling>)>>,
+    table: Res<candidates::Candidates>,
+) -> bool {
+    !asking.is_empty() || table.is_kept
+}
 
 /// The steps of [`CullSystems`], in their order.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -78,6 +90,7 @@ pub(crate) fn register(app: &mut App) {
             PostUpdate,
             (build_mesh_volumes, update_candidates)
                 .chain()
+                .run_if(are_wanted)
                 .in_set(CullSteps::Candidates),
         );
 }

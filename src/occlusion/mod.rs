@@ -35,6 +35,7 @@ pub use camera::{OcclusionCamera, OcclusionCounts};
 
 use crate::{
     culling::{self, CullSteps, CulledEntities},
+    effects::{Effect, is_called_for},
     systems::occlusion as systems,
 };
 
@@ -144,6 +145,7 @@ pub(crate) fn register(app: &mut App) {
             PostUpdate,
             (systems::cull_occluded, systems::forget_occluded)
                 .chain()
+                .run_if(is_called_for::<ZBufferOcclusion>(Effect::ZBufferOcclusion))
                 .in_set(CullSteps::Occlusion),
         );
     for path in [systems::CANDIDATES, systems::REMOVED, systems::RESCUED] {

@@ -168,6 +168,9 @@ pub fn update_candidates(
     (mut occludable, mut weighable, mut bounded, mut unskinned, mut unmorphed, mut auto_aabb): MarksLost,
 ) {
     let asked = asked_by(&cameras);
+    if table.is_kept != asked.is_some() {
+        table.is_kept = asked.is_some();
+    }
     let known = core::mem::replace(&mut *wanted, asked);
     let began = Instant::now();
     let Some(what) = asked else {
