@@ -47,6 +47,9 @@ mod data;
 #[cfg(feature = "cli")]
 #[path = "it/glb.rs"]
 mod glb;
+#[cfg(feature = "cli")]
+#[path = "it/hard_cases/mod.rs"]
+mod hard_cases;
 #[path = "it/height_field.rs"]
 mod height_field;
 #[path = "it/interior.rs"]

@@ -614,7 +614,7 @@ fn what_fits_is_left_alone() {
 }
 
 /// A knob of three steps, whose cost is measured.
-fn dial(name: &'static str, losses: [f32; 2]) -> Knob {
+pub fn dial(name: &'static str, losses: [f32; 2]) -> Knob {
     let steps = [(0.0, 0.0), (1.0, losses[0]), (2.0, losses[1])];
     Knob::new(name, "", &steps, KnobCost::Measured).unwrap()
 }

@@ -35,14 +35,14 @@ use crate::{
 };
 
 /// A camera and what is measured in it.
-struct View {
-    clip: Mat4,
-    viewport: Vec2,
-    cases: Vec<(Affine3A, LocalBox)>,
+pub struct View {
+    pub clip: Mat4,
+    pub viewport: Vec2,
+    pub cases: Vec<(Affine3A, LocalBox)>,
 }
 
 impl View {
-    fn on_cpu(&self) -> Vec<f32> {
+    pub fn on_cpu(&self) -> Vec<f32> {
         let view = AreaView::new(self.clip, self.viewport);
         let area = |(world, volume): &(Affine3A, LocalBox)| view.area_px2(world, volume);
         self.cases.iter().map(area).collect()
@@ -64,14 +64,14 @@ impl View {
 }
 
 /// The shipped pass, ready to be dispatched.
-struct Gpu {
+pub struct Gpu {
     offline: Offline,
     pipeline: CachedComputePipelineId,
 }
 
 impl Gpu {
     /// `None`, with the reason printed, where this machine has no device at all.
-    fn new() -> Option<Self> {
+    pub fn new() -> Option<Self> {
         let mut offline = crate::device()?;
         let descriptor = areas_pipeline(offline.app.world().resource::<AssetServer>());
         let render_app = offline.app.sub_app(RenderApp);
@@ -89,7 +89,7 @@ impl Gpu {
         panic!("the pipeline was not compiled; see the log");
     }
 
-    fn areas(&self, view: &View) -> Vec<f32> {
+    pub fn areas(&self, view: &View) -> Vec<f32> {
         let world = self.offline.app.sub_app(RenderApp).world();
         let device = world.resource::<RenderDevice>();
         let queue = world.resource::<RenderQueue>();
@@ -160,7 +160,7 @@ fn lens(near: f32) -> Mat4 {
     Mat4::perspective_infinite_reverse_rh(FRAC_PI_2, 4.0 / 3.0, near)
 }
 
-fn boxed(centre: Vec3, half: Vec3) -> LocalBox {
+pub fn boxed(centre: Vec3, half: Vec3) -> LocalBox {
     LocalBox {
         centre,
         axes: [Vec3::X * half.x, Vec3::Y * half.y, Vec3::Z * half.z],
@@ -168,14 +168,14 @@ fn boxed(centre: Vec3, half: Vec3) -> LocalBox {
 }
 
 /// A named case and the area it must come to, to a thousandth. units: px²
-struct Hard {
-    name: &'static str,
-    view: View,
-    expected: f64,
+pub struct Hard {
+    pub name: &'static str,
+    pub view: View,
+    pub expected: f64,
 }
 
 #[rustfmt::skip]
-fn hard() -> Vec<Hard> {
+pub fn hard() -> Vec<Hard> {
     let mut all = Vec::new();
     let mut case = |name, clip, viewport, world, volume, expected| {
         let cases = vec![(world, volume)];

@@ -14,11 +14,11 @@ use bevy_skyline::{
 use proptest::prelude::*;
 
 /// Threads: more than one, so that they meet.
-fn crew() -> NonZero<usize> {
+pub fn crew() -> NonZero<usize> {
     NonZero::new(3).expect("three")
 }
 
-fn at(resolution: u32) -> InteriorCulling {
+pub fn at(resolution: u32) -> InteriorCulling {
     InteriorCulling {
         grid: Grid::Resolution(resolution),
         ..Default::default()
@@ -30,7 +30,7 @@ fn culled(model: &Model, settings: &InteriorCulling) -> Outcome {
 }
 
 /// A surface as a part that is drawn as closed models are.
-fn part(surface: Surface) -> Part {
+pub fn part(surface: Surface) -> Part {
     Part {
         node: 0,
         surface: Arc::new(surface),
@@ -41,7 +41,7 @@ fn part(surface: Surface) -> Part {
 }
 
 /// Parts, each its own node.
-fn model(parts: impl IntoIterator<Item = Part>) -> Model {
+pub fn model(parts: impl IntoIterator<Item = Part>) -> Model {
     let parts = parts.into_iter().zip(0..);
     Model {
         parts: parts.map(|(part, node)| Part { node, ..part }).collect(),
@@ -49,7 +49,7 @@ fn model(parts: impl IntoIterator<Item = Part>) -> Model {
 }
 
 /// A box from one corner to the other, outward.
-fn cuboid(least: [f32; 3], greatest: [f32; 3]) -> Surface {
+pub fn cuboid(least: [f32; 3], greatest: [f32; 3]) -> Surface {
     let corners = [least, greatest];
     let positions = (0..8)
         .map(|i| core::array::from_fn(|axis| corners[i >> axis & 1][axis]))
@@ -71,12 +71,12 @@ fn cuboid(least: [f32; 3], greatest: [f32; 3]) -> Surface {
     }
 }
 
-fn cube(half: f32) -> Surface {
+pub fn cube(half: f32) -> Surface {
     cuboid([-half; 3], [half; 3])
 }
 
 /// The same seen from inside.
-fn inside_out(surface: Surface) -> Surface {
+pub fn inside_out(surface: Surface) -> Surface {
     Surface {
         triangles: surface
             .triangles
@@ -87,14 +87,14 @@ fn inside_out(surface: Surface) -> Surface {
     }
 }
 
-fn two_sided(part: Part) -> Part {
+pub fn two_sided(part: Part) -> Part {
     Part {
         is_two_sided: true,
         ..part
     }
 }
 
-fn placed(part: Part, model_from_local: DAffine3) -> Part {
+pub fn placed(part: Part, model_from_local: DAffine3) -> Part {
     Part {
         model_from_local,
         ..part
@@ -102,7 +102,7 @@ fn placed(part: Part, model_from_local: DAffine3) -> Part {
 }
 
 /// One surface of several.
-fn joined(surfaces: impl IntoIterator<Item = Surface>) -> Surface {
+pub fn joined(surfaces: impl IntoIterator<Item = Surface>) -> Surface {
     let mut all = Surface::default();
     for surface in surfaces {
         let first = all.positions.len() as u32;
@@ -114,7 +114,7 @@ fn joined(surfaces: impl IntoIterator<Item = Surface>) -> Surface {
 }
 
 /// Walls around a room, of two-sided sheets, with a slit so wide all along one of them.
-fn room_with_slit(half: f32, slit: f32) -> Part {
+pub fn room_with_slit(half: f32, slit: f32) -> Part {
     let sheet = |corners: [[f32; 3]; 4]| Surface {
         positions: corners.to_vec(),
         triangles: vec![[0, 1, 2], [0, 2, 3]],
@@ -141,7 +141,7 @@ fn room_with_slit(half: f32, slit: f32) -> Part {
 }
 
 /// Random numbers, the same on every machine.
-struct Dice(u64);
+pub struct Dice(pub u64);
 
 impl Dice {
     fn roll(&mut self) -> f64 {
@@ -166,12 +166,12 @@ impl Dice {
         }
     }
 
-    fn turn(&mut self) -> DQuat {
+    pub fn turn(&mut self) -> DQuat {
         DQuat::from_axis_angle(self.way(), self.roll() * core::f64::consts::TAU)
     }
 
     /// Triangles of all sizes, some of them degenerate, on planes of a lattice, or one in the place of another.
-    fn soup(&mut self, count: usize, two_sided: bool) -> Part {
+    pub fn soup(&mut self, count: usize, two_sided: bool) -> Part {
         let mut surface = Surface::default();
         for _ in 0..count {
             let size = 10f64.powf(-1.5 + 1.9 * self.roll());
@@ -201,7 +201,7 @@ impl Dice {
 }
 
 /// What a ray meets first, as (part, triangle): from both sides, or from where it is drawn.
-fn first_hit(
+pub fn first_hit(
     triangles: &[(usize, usize, [DVec3; 3], bool)],
     from: DVec3,
     way: DVec3,
@@ -228,7 +228,7 @@ fn first_hit(
 }
 
 /// The triangles that rays from outside meet first.
-fn hits(model: &Model, rays: usize, seed: u64) -> Vec<(usize, usize)> {
+pub fn hits(model: &Model, rays: usize, seed: u64) -> Vec<(usize, usize)> {
     let mut triangles = Vec::new();
     for (number, part) in model.parts.iter().enumerate() {
         let is_mirrored = part.model_from_local.matrix3.determinant() < 0.0;

@@ -22,7 +22,7 @@ use bevy_skyline::{
 use crate::occlusion_cases::Random;
 
 /// A device of its own.
-struct Gpu {
+pub struct Gpu {
     _offline: Offline,
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -30,7 +30,7 @@ struct Gpu {
 
 impl Gpu {
     /// `None`, with the reason printed, where this machine has no device at all.
-    fn new() -> Option<Self> {
+    pub fn new() -> Option<Self> {
         let offline = crate::device()?;
         let world = offline.app.world();
         let device = world.resource::<RenderDevice>().wgpu_device().clone();
@@ -43,7 +43,7 @@ impl Gpu {
         })
     }
 
-    fn interior(&self) -> InteriorGpu {
+    pub fn interior(&self) -> InteriorGpu {
         InteriorGpu::new(self.device.clone(), self.queue.clone())
     }
 }

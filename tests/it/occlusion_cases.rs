@@ -64,21 +64,21 @@ const BLOCK: Sampling = Sampling::Conservative { block: 4 };
 const NEAR: f32 = 0.1;
 
 /// 90° high, 4:3, looking along −Z.
-fn lens(near: f32) -> Mat4 {
+pub fn lens(near: f32) -> Mat4 {
     Mat4::perspective_infinite_reverse_rh(FRAC_PI_2, 4.0 / 3.0, near)
 }
 
 /// One unit a pixel, (0, 0) in the middle; depth 0.9 at z = −10, 0 at −100.
-fn flat_lens() -> Mat4 {
+pub fn flat_lens() -> Mat4 {
     Mat4::orthographic_rh(-32.0, 32.0, -24.0, 24.0, 100.0, 0.0)
 }
 
-fn reduced(clip: Mat4, viewport: UVec2, sampling: Sampling, pixels: &[f32]) -> ReducedDepth {
+pub fn reduced(clip: Mat4, viewport: UVec2, sampling: Sampling, pixels: &[f32]) -> ReducedDepth {
     ReducedDepth::from_pixels(clip, viewport, sampling, pixels).expect("sizes fit")
 }
 
 /// The same depth everywhere.
-fn filled(clip: Mat4, depth: f32) -> ReducedDepth {
+pub fn filled(clip: Mat4, depth: f32) -> ReducedDepth {
     let pixels = [depth; (VIEWPORT.x * VIEWPORT.y) as usize];
     reduced(clip, VIEWPORT, BLOCK, &pixels)
 }
@@ -90,14 +90,14 @@ fn holed(clip: Mat4, depth: f32, hole: UVec2) -> ReducedDepth {
     reduced(clip, VIEWPORT, BLOCK, &pixels)
 }
 
-fn local_box(centre: Vec3, half: Vec3) -> LocalBox {
+pub fn local_box(centre: Vec3, half: Vec3) -> LocalBox {
     LocalBox {
         centre,
         axes: [Vec3::X * half.x, Vec3::Y * half.y, Vec3::Z * half.z],
     }
 }
 
-fn placed(world: Affine3A, volume: LocalBox) -> Case {
+pub fn placed(world: Affine3A, volume: LocalBox) -> Case {
     Case {
         world,
         volume,
@@ -115,7 +115,7 @@ fn with_turned(case: Case, centre: Vec3, half: f32) -> Case {
     }
 }
 
-fn boxed(x: f32, y: f32, z: f32, half: f32) -> Case {
+pub fn boxed(x: f32, y: f32, z: f32, half: f32) -> Case {
     let volume = local_box(Vec3::new(x, y, z), Vec3::splat(half));
     placed(Affine3A::IDENTITY, volume)
 }
@@ -131,7 +131,7 @@ fn with_proxy(case: Case, corners: [Vec3; 3], radius: f32) -> Case {
 }
 
 /// A box over columns `x` and rows `y` of pixels of [`flat_lens`], at z = −50.
-fn over_pixels(x: [f32; 2], y: [f32; 2]) -> Case {
+pub fn over_pixels(x: [f32; 2], y: [f32; 2]) -> Case {
     let min = Vec3::new(x[0] - 32.0, 24.0 - y[1], -51.0);
     let max = Vec3::new(x[1] - 32.0, 24.0 - y[0], -49.0);
     let volume = local_box(0.5 * (min + max), 0.5 * (max - min));

@@ -30,14 +30,14 @@ use crate::{
 };
 
 /// The shipped pass, ready to be dispatched.
-struct Gpu {
+pub struct Gpu {
     offline: Offline,
     pipeline: CachedComputePipelineId,
 }
 
 impl Gpu {
     /// `None`, with the reason printed, where this machine has no device at all.
-    fn new() -> Option<Self> {
+    pub fn new() -> Option<Self> {
         let mut offline = crate::device()?;
         let descriptor = pipeline(offline.app.world().resource::<AssetServer>());
         let render_app = offline.app.sub_app(RenderApp);
@@ -58,7 +58,7 @@ impl Gpu {
         panic!("the pipeline was not compiled; see the log");
     }
 
-    fn verdicts(&self, depth: &ReducedDepth, cases: &[Case]) -> Vec<Verdict> {
+    pub fn verdicts(&self, depth: &ReducedDepth, cases: &[Case]) -> Vec<Verdict> {
         let world = self.offline.app.sub_app(RenderApp).world();
         let device = world.resource::<RenderDevice>();
         let queue = world.resource::<RenderQueue>();
@@ -136,12 +136,12 @@ impl Gpu {
     }
 }
 
-fn case_verdict(test: &DepthTest, case: &Case) -> Verdict {
+pub fn case_verdict(test: &DepthTest, case: &Case) -> Verdict {
     let (turned, proxy) = (case.turned.as_ref(), case.proxy.as_ref());
     test.verdict(&case.world, &case.volume, turned, proxy)
 }
 
-fn case_judgement(twin: &OcclusionTwin, case: &Case) -> Judgement {
+pub fn case_judgement(twin: &OcclusionTwin, case: &Case) -> Judgement {
     let (turned, proxy) = (case.turned.as_ref(), case.proxy.as_ref());
     twin.judge(&case.world, &case.volume, turned, proxy)
 }

@@ -768,7 +768,7 @@ fn far_away_eyes_still_hit() {
 // ---------------------------------------------------------------------------------------------
 // In the world
 
-fn world_with(terrains: Vec<(HeightField, Transform)>) -> (App, Vec<Entity>) {
+pub fn world_with(terrains: Vec<(HeightField, Transform)>) -> (App, Vec<Entity>) {
     let mut app = App::new();
     app.add_plugins((
         MinimalPlugins,
@@ -794,7 +794,7 @@ fn world_with(terrains: Vec<(HeightField, Transform)>) -> (App, Vec<Entity>) {
     (app, entities)
 }
 
-fn ask<T: 'static>(
+pub fn ask<T: 'static>(
     app: &mut App,
     question: impl Fn(TerrainQuery) -> T + Send + Sync + 'static,
 ) -> T {

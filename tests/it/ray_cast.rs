@@ -1,4 +1,5 @@
-//! Contract: the shipped shaders on the real device against the `f64` twin, ray by ray.
+//! Contract: the shipped shaders on the real device against the `f64` twin, ray by ray. The hard cases by name are in
+//! `hard_cases::terrain`.
 
 use bevy::{
     camera::{CameraProjection, SubCameraView},
@@ -12,10 +13,7 @@ use bevy_skyline::{
     terrain::view_rays::ViewRays,
 };
 
-use crate::{
-    data::elevation_model,
-    terrain_scenes::{Scene, scenes},
-};
+use crate::{data::elevation_model, terrain_scenes::Scene};
 
 /// A projection that is whatever matrix the scene says.
 #[derive(Clone, Debug)]
@@ -42,7 +40,7 @@ impl CameraProjection for MatrixProjection {
 }
 
 /// Draws one scene and returns what its rays hit; all sky where the camera holds no terrain at all.
-fn draw(offline: &mut Offline, scene: &Scene, casting: TerrainRayCasting) -> HitImage {
+pub fn draw(offline: &mut Offline, scene: &Scene, casting: TerrainRayCasting) -> HitImage {
     let field = offline
         .app
         .world_mut()
@@ -95,7 +93,7 @@ fn judge(field: &HeightField, rays: &ViewRays, image: &HitImage) -> Tally {
     tally
 }
 
-fn exact(traversal: Traversal, box_texels: u32) -> TerrainRayCasting {
+pub fn exact(traversal: Traversal, box_texels: u32) -> TerrainRayCasting {
     TerrainRayCasting {
         traversal,
         box_texels,
@@ -103,63 +101,13 @@ fn exact(traversal: Traversal, box_texels: u32) -> TerrainRayCasting {
     }
 }
 
-const TRAVERSALS: [(Traversal, u32); 5] = [
+pub const TRAVERSALS: [(Traversal, u32); 5] = [
     (Traversal::PerTexel, 16),
     (Traversal::MaxMip, 16),
     (Traversal::Boxes, 4),
     (Traversal::Hybrid, 16),
     (Traversal::Hybrid, 4),
 ];
-
-#[test]
-fn every_hard_case_agrees_with_the_twin_in_every_traversal() {
-    let Some(mut offline) = crate::device() else {
-        return;
-    };
-    let mut failures = Vec::new();
-    let mut total = Tally::default();
-    for scene in scenes() {
-        let rays = scene.rays();
-        let mut first: Option<HitImage> = None;
-        for (traversal, box_texels) in TRAVERSALS {
-            let image = draw(&mut offline, &scene, exact(traversal, box_texels));
-            let name = format!("{} ({traversal:?} {box_texels})", scene.name);
-            let tally = judge(&scene.field, &rays, &image);
-            if let Err(reason) = tally.verdict(1.0) {
-                failures.push(format!("{name}: {reason}"));
-            }
-            total.merge(tally);
-            match &first {
-                None => first = Some(image),
-                Some(first) => {
-                    let differ = first
-                        .ndc_depth
-                        .iter()
-                        .zip(&image.ndc_depth)
-                        .filter(|(a, b)| a != b)
-                        .count();
-                    if differ > 0 {
-                        failures.push(format!("{name}: {differ} pixels differ from PerTexel's"));
-                    }
-                }
-            }
-        }
-    }
-    println!(
-        "{} rays: {} hits, {} misses, {} in the guard band",
-        total.rays(),
-        total.hits,
-        total.misses,
-        total.in_band
-    );
-    assert!(
-        failures.is_empty(),
-        "{} failures:\n{}",
-        failures.len(),
-        failures.join("\n")
-    );
-    total.assert_ok(0.05);
-}
 
 #[test]
 fn the_real_elevation_model_agrees_with_the_twin() {

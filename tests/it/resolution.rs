@@ -84,7 +84,7 @@ fn of_bytes(picture: &RgbaImage, convert: impl Fn(f64) -> f64) -> LinearPicture 
 }
 
 /// A target whose bytes are linear light, so that no driver's rounding of sRGB comes in.
-fn target(offline: &mut Offline, size: UVec2) -> Handle<Image> {
+pub fn target(offline: &mut Offline, size: UVec2) -> Handle<Image> {
     let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8Unorm, None);
     image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
     image.asset_usage = RenderAssetUsages::default();
@@ -94,7 +94,7 @@ fn target(offline: &mut Offline, size: UVec2) -> Handle<Image> {
 
 /// Colours of `large`, drawn to a [`target`], that are not the stretch of `small`, and the colours compared. The pixels
 /// of `small` are those that were stretched but for `unknown`, in 8-bit units; of HDR cameras they were rounded to bytes.
-fn outside(large: &RgbaImage, small: &RgbaImage, unknown: f64) -> (usize, usize) {
+pub fn outside(large: &RgbaImage, small: &RgbaImage, unknown: f64) -> (usize, usize) {
     let size = large.dimensions().into();
     let middle = stretch(&of_bytes(small, |byte| byte), size);
     let error = stretch_error(
@@ -266,7 +266,7 @@ fn work(offline: &mut Offline) -> (usize, u64, usize, u64) {
 }
 
 /// Draws with a scaled camera and with one whose target has the smaller size.
-fn drawn_twice<B: Bundle>(
+pub fn drawn_twice<B: Bundle>(
     offline: &mut Offline,
     size: UVec2,
     scale: f32,

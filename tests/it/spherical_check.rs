@@ -338,10 +338,27 @@ pub fn nothing_visible_goes(
 /// All comparisons for a mesh: bins, layouts, sizes of chunks, cameras around, close and inside, both projections.
 pub fn everything_is_right(mesh: &Mesh, samples: u32) -> Tally {
     let mut all = Tally::default();
+    for_all_views(mesh, samples, |maps, chunks, shot| {
+        let view = shot.view(chunks.reach());
+        let tally = nothing_visible_goes(mesh, maps, chunks, shot, &view)?;
+        all.left_out += tally.left_out;
+        all.must_stay += tally.must_stay;
+        Ok(())
+    })
+    .unwrap();
+    all
+}
+
+/// The maps of a mesh by [`BINS`] and layouts, compared with the twin's; and `look` at all of their views.
+pub fn for_all_views(
+    mesh: &Mesh,
+    samples: u32,
+    mut look: impl FnMut(&SphericalMaps, &SphericalChunks, &Shot) -> Result<(), String>,
+) -> Result<(), String> {
     for (number, bins) in BINS.into_iter().enumerate() {
         for layout in [Layout::Rows, Layout::Blocks] {
             let maps = mesh.maps(bins, layout, [1, 5, 128, 7][number]);
-            maps_are_right(mesh, &maps, samples).unwrap();
+            maps_are_right(mesh, &maps, samples)?;
             let chunks = mesh.chunks(&maps);
             let mut next = 0;
             for chunk in chunks.chunks() {
@@ -360,16 +377,11 @@ pub fn everything_is_right(mesh: &Mesh, samples: u32) -> Tally {
                         Shot::at(eye, target, near),
                         Shot::parallel(eye, target, 3.0 * maps.radius),
                     ] {
-                        let shot = shot.with(DAffine3::IDENTITY, shown);
-                        let view = shot.view(chunks.reach());
-                        let tally =
-                            nothing_visible_goes(mesh, &maps, &chunks, &shot, &view).unwrap();
-                        all.left_out += tally.left_out;
-                        all.must_stay += tally.must_stay;
+                        look(&maps, &chunks, &shot.with(DAffine3::IDENTITY, shown))?;
                     }
                 }
             }
         }
     }
-    all
+    Ok(())
 }

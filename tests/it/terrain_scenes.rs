@@ -63,12 +63,12 @@ impl Scene {
         self
     }
 
-    fn size(mut self, width: u32, height: u32) -> Self {
+    pub fn size(mut self, width: u32, height: u32) -> Self {
         self.size_px = UVec2::new(width, height);
         self
     }
 
-    fn projection(mut self, clip_from_view: Mat4) -> Self {
+    pub fn projection(mut self, clip_from_view: Mat4) -> Self {
         self.clip_from_view = clip_from_view;
         self
     }
@@ -97,7 +97,7 @@ pub fn orthographic(width: f32, height: f32, near: f32, far: f32) -> Mat4 {
 }
 
 /// A perspective whose axis does not meet the middle of the picture, by `shift` in NDC.
-fn off_centre(clip_from_view: Mat4, shift: (f32, f32)) -> Mat4 {
+pub fn off_centre(clip_from_view: Mat4, shift: (f32, f32)) -> Mat4 {
     let mut shifted = clip_from_view;
     shifted.z_axis += Vec4::new(shift.0, shift.1, 0.0, 0.0);
     shifted
@@ -111,7 +111,7 @@ pub fn look(eye: [f32; 3], target: [f32; 3]) -> Transform {
     Transform::from_translation(eye).looking_at(target, up)
 }
 
-fn scene(name: &'static str, field: HeightField, camera: Transform) -> Scene {
+pub fn scene(name: &'static str, field: HeightField, camera: Transform) -> Scene {
     Scene {
         name,
         field,
@@ -144,13 +144,13 @@ pub fn hills(width: u32, height: u32, texel_m: f32, top_m: f32) -> HeightField {
     HeightField::from_fn(size, texel_m, (0.0, top_m), |i, j| top_m * hill(i, j)).expect("a field")
 }
 
-fn floats(width: u32, height: u32, texel_m: f32, h: impl Fn(u32, u32) -> f32) -> HeightField {
+pub fn floats(width: u32, height: u32, texel_m: f32, h: impl Fn(u32, u32) -> f32) -> HeightField {
     let samples = (0..height).flat_map(|j| (0..width).map(move |i| (i, j)));
     let samples = samples.map(|(i, j)| h(i, j)).collect();
     HeightField::from_f32(UVec2::new(width, height), texel_m, samples).expect("a field")
 }
 
-fn codes(
+pub fn codes(
     width: u32,
     height: u32,
     texel_m: f32,

@@ -23,14 +23,14 @@ fn noise(n: u32) -> u32 {
     n ^ (n >> 16)
 }
 
-fn codes(size: (u32, u32), texel_m: f32, code: impl Fn(u32, u32) -> u16) -> HeightField {
+pub fn codes(size: (u32, u32), texel_m: f32, code: impl Fn(u32, u32) -> u16) -> HeightField {
     let samples = (0..size.0 * size.1)
         .map(|n| code(n % size.0, n / size.0))
         .collect();
     HeightField::from_u16(UVec2::from(size), texel_m, (0.0, 4096.0), samples).unwrap()
 }
 
-fn metres(size: (u32, u32), texel_m: f32, height: impl Fn(u32, u32) -> f32) -> HeightField {
+pub fn metres(size: (u32, u32), texel_m: f32, height: impl Fn(u32, u32) -> f32) -> HeightField {
     let samples = (0..size.0 * size.1)
         .map(|n| height(n % size.0, n / size.0))
         .collect();
@@ -89,7 +89,7 @@ fn fields() -> Vec<(&'static str, HeightField)> {
 }
 
 /// Direction to a sun at an azimuth from +Z toward +X and an elevation. units: rad
-fn sun(azimuth: f64, elevation: f64) -> DVec3 {
+pub fn sun(azimuth: f64, elevation: f64) -> DVec3 {
     DVec3::new(
         elevation.cos() * azimuth.sin(),
         elevation.sin(),
@@ -201,7 +201,7 @@ fn judge(field: &HeightField, light: &GridLight, image: &ShadowImage, every: usi
     })
 }
 
-fn show(offline: &mut Offline, field: HeightField) -> (Entity, Handle<HeightField>) {
+pub fn show(offline: &mut Offline, field: HeightField) -> (Entity, Handle<HeightField>) {
     let world = offline.app.world_mut();
     let handle = world.resource_mut::<Assets<HeightField>>().add(field);
     let terrain = world.spawn(Terrain::new(handle.clone())).id();
