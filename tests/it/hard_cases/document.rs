@@ -14,14 +14,15 @@ const INTRO: &str = "\
 Inputs on which culling and ray casting usually go wrong, by name, and what they came to here. Each row is run by the
 test suite against a twin in `f64`, an answer known by algebra, or brute force. The figure is on the side on which the
 predicate may err: hits off by so much, visible things removed, pixels missed. **A case holds if its figure is at most
-its bound.** Bounds come from counting roundings, or are none at all; none was chosen by what was measured. A figure below
-0 is a distance kept, −∞ that there was nothing that could have been off.
+its bound.** Bounds are counted from the roundings of an operation, or are what is promised, or 0. A figure below 0 is a
+distance kept; a dash says that there was nothing that could have been off.
 
 - Run them: `scripts/test.sh hard_cases`. On another GPU: `WGPU_ADAPTER_NAME=… scripts/test.sh hard_cases`.
 - Measure anew, and write this page: `SKYLINE_WRITE_DOCS=1 scripts/test.sh hard_cases::document`.
 - Add one: a line in the table of its effect in `tests/it/hard_cases/`, then write this page. A test fails while page and
   tables differ in a name, a claim or a bound.
-- Around each group random neighbours are tried as well, the same in every run.
+- Around the cases of each effect random neighbours are tried as well, the same in every run, and every comparison is
+  shown to fail when one of its sides is perturbed.
 ";
 
 fn path() -> PathBuf {
@@ -29,7 +30,7 @@ fn path() -> PathBuf {
 }
 
 /// A number as short as tells it: whole ones whole, others with two places.
-fn number(x: f64) -> String {
+pub fn number(x: f64) -> String {
     let magnitude = x.abs();
     let digits = if x.is_nan() {
         "no number".into()
@@ -76,8 +77,18 @@ fn with_unit(x: f64, unit: &str) -> String {
 
 fn measured(claim: &Claim, found: &Found) -> String {
     match found {
-        Ok(Measured { value, note }) if note.is_empty() => with_unit(*value, claim.unit),
-        Ok(Measured { value, note }) => format!("{}; {note}", with_unit(*value, claim.unit)),
+        Ok(Measured { value, note }) => {
+            let value = if *value == f64::NEG_INFINITY {
+                "–".into()
+            } else {
+                with_unit(*value, claim.unit)
+            };
+            if note.is_empty() {
+                value
+            } else {
+                format!("{value}; {note}")
+            }
+        }
         Err(Trouble::Skipped(why)) => format!("skipped: {why}"),
         Err(Trouble::Wrong(why)) => format!("**fails**: {why}"),
     }
@@ -106,47 +117,53 @@ fn page(
     }
     let _ = writeln!(page, "| all | {cases} |");
     for (number, table) in tables.iter().enumerate() {
-        let _ = write!(
-            page,
-            "\n## {}\n\n{}\n\n| Case | Asserted | Bound | The bound comes from | Measured |\n|---|---|---|---|---|\n",
-            table.effect, table.about
-        );
-        for (at, case) in table.cases.iter().enumerate() {
-            let claim = &case.claim;
-            let last =
-                measure(number, at).map_or_else(String::new, |found| measured(claim, &found));
-            let row = [
-                case.name.as_str(),
-                claim.asserts,
-                &with_unit(claim.bound, claim.unit),
-                claim.why,
-                &last,
-            ]
-            .map(|cell| cell.replace('|', "\\|").replace('\n', " "));
-            let _ = writeln!(page, "| {} |", row.join(" | "));
+        let _ = write!(page, "\n## {}\n\n{}\n", table.effect, table.about);
+        let mut claims: Vec<&Claim> = Vec::new();
+        for case in &table.cases {
+            if !claims.iter().any(|claim| claim.is_same(&case.claim)) {
+                claims.push(&case.claim);
+            }
+        }
+        for claim in claims {
+            let _ = write!(
+                page,
+                "\n**Asserted:** {}.<br>\n**The bound comes from:** {}.\n\n| Case | Bound | Measured |\n|---|---|---|\n",
+                claim.asserts, claim.why
+            );
+            let of_claim = table.cases.iter().enumerate();
+            for (at, case) in of_claim.filter(|(_, case)| case.claim.is_same(claim)) {
+                let found = measure(number, at);
+                let last = found.map_or_else(String::new, |found| measured(claim, &found));
+                let bound = with_unit(case.claim.bound, claim.unit);
+                let row = [case.name.as_str(), &bound, &last];
+                let row = row.map(|cell| cell.replace('|', "\\|").replace('\n', " "));
+                let _ = writeln!(page, "| {} |", row.join(" | "));
+            }
         }
     }
     page
 }
 
-/// What of a page comes from the tables alone: without the last column of rows with five, and without what it was measured on.
+/// What of a page comes from the tables alone: without the last column of rows with three, and what it was measured on.
 fn skeleton(page: &str) -> Vec<&str> {
     page.lines()
         .filter(|line| !line.starts_with("Measured on "))
-        .map(|line| {
-            let is_row = line.starts_with("| ") && line.matches(" | ").count() >= 4;
-            match line.rsplit_once(" | ") {
-                Some((before, _)) if is_row => before.trim_end(),
-                _ => line,
-            }
+        .map(|line| match line.rsplit_once(" | ") {
+            Some((before, _)) if is_row(line) => before.trim_end(),
+            _ => line,
         })
         .collect()
+}
+
+/// Whether it is of a table of cases.
+fn is_row(line: &str) -> bool {
+    line.starts_with("| ") && line.matches(" | ").count() >= 2
 }
 
 /// Rows whose last column is empty or says that they failed.
 fn unmeasured(page: &str) -> Vec<&str> {
     page.lines()
-        .filter(|line| line.starts_with("| ") && line.matches(" | ").count() >= 4)
+        .filter(|line| is_row(line))
         .filter(|line| {
             let last = line.rsplit_once(" | ").map_or("", |(_, last)| last);
             last.trim_end_matches('|').trim().is_empty() || last.starts_with("**fails**")

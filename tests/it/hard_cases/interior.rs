@@ -30,7 +30,7 @@ const SEEN: Claim = Claim::none(
 );
 const STATED: Claim = Claim::none(
     "parts stay and go as they must; GPU and CPU alike",
-    "parts that don't",
+    "wrong parts",
     "the guarantee of a gap of √3 cells, and that of a crack below an eighth of a spacing",
 );
 const REFUSED: Claim = Claim::none(

@@ -10,6 +10,7 @@ mod budget;
 mod contribution;
 mod document;
 mod height_field;
+mod height_field_points;
 mod interior;
 mod interior_models;
 mod occlusion;
@@ -40,6 +41,11 @@ impl Claim {
             unit,
             why,
         }
+    }
+
+    /// Whether it is another's but for the bound.
+    pub fn is_same(&self, other: &Self) -> bool {
+        (self.asserts, self.unit, self.why) == (other.asserts, other.unit, other.why)
     }
 
     /// The same with a bound that is the case's own.

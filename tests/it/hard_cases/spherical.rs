@@ -19,8 +19,8 @@ rasteriser in `f32` would draw. The figure is how much of a triangle that was le
 sine of its angle to the line of sight, above 0 on the shown side.";
 
 const TURNED_AWAY: Claim = Claim::none(
-    "all that is left out is turned away, and its maps are the twin's",
-    "(sine)",
+    "all that is left out is turned away: the sine is below 0; the maps are the twin's",
+    "",
     "left out only if no corners off by the blur of `View` can turn it round",
 );
 const COUNT: Claim = Claim::none(
@@ -232,9 +232,10 @@ fn cameras(table: &mut Table) {
     views("an eye at 10⁹ radii", ball, at(DVec3::new(1.0, 2.0, 3.0) * 1e9));
     views("an eye above a pole", ball, at(DVec3::Y * 3.0));
     let placed = |scale: DVec3, turn: DQuat, by: DVec3| {
+        let near = (1e-3 * scale.abs().min_element()) as f32;
         let place = DAffine3::from_scale_rotation_translation(scale, turn, by);
         let eye = place.transform_point3(DVec3::new(3.0, 2.0, 1.0));
-        [Shown::Front, Shown::Back].map(|shown| Shot::at(eye, by, 1e-3).with(place, shown)).to_vec()
+        [Shown::Front, Shown::Back].map(|shown| Shot::at(eye, by, near).with(place, shown)).to_vec()
     };
     let turn = DQuat::from_rotation_x(0.7) * DQuat::from_rotation_y(1.9);
     views("mirrored in one axis", ball, placed(DVec3::new(1.0, 1.0, -1.0), turn, DVec3::ZERO));
@@ -361,7 +362,7 @@ fn a_triangle_that_is_left_out_and_shown_is_caught() {
     let chunks = mesh.chunks(&maps);
     let shot = Shot::at(DVec3::new(3.0, 2.0, 1.0), DVec3::ZERO, 0.1);
     let view = shot.view(chunks.reach());
-    let opposite = shot.camera.position * -1.0;
+    let opposite = -shot.camera.position;
     let out = chunks
         .chunks()
         .iter()

@@ -46,17 +46,25 @@ const UNDECIDED: Claim = Claim {
 };
 
 /// What rays of a picture needs of its guard bands.
-#[derive(Default)]
 struct Needed {
     tally: Tally,
-    /// Largest share of a band, from the exact hit to the end on the side where the hit is.
+    /// Largest share of a band, from the exact hit to the end on the side where the hit is; −∞ of no hits.
     share: f64,
+}
+
+impl Needed {
+    fn nothing() -> Self {
+        Self {
+            tally: Tally::default(),
+            share: f64::NEG_INFINITY,
+        }
+    }
 }
 
 /// Holds every pixel against the twin.
 fn needed(field: &HeightField, rays: &ViewRays, image: &HitImage) -> Needed {
     let twin = Twin::new(field);
-    let mut all = Needed::default();
+    let mut all = Needed::nothing();
     for (k, &ndc) in image.ndc_depth.iter().enumerate() {
         let pixel = UVec2::new(k as u32 % image.size.x, k as u32 / image.size.x).as_vec2() + 0.5;
         let verdict = twin.judge(rays, pixel, f64::from(rays.t_far));
@@ -85,7 +93,7 @@ fn in_every_traversal(machine: &mut Machine, scene: &Scene, total: &RefCell<Tall
     let offline = machine.offline()?;
     let rays = scene.rays();
     let mut first: Option<HitImage> = None;
-    let mut found = Needed::default();
+    let mut found = Needed::nothing();
     for (traversal, box_texels) in TRAVERSALS {
         let image = draw(offline, scene, exact(traversal, box_texels));
         match &first {
@@ -183,7 +191,7 @@ fn more() -> Vec<Scene> {
         scene("steps_level_with_a_tread", steps(), look([-20.0, 8_000.0 * 300.0 / 65_535.0 * 3.0, 130.0], [260.0, 8_000.0 * 300.0 / 65_535.0 * 3.0, 130.0])).size(61, 37),
         scene("saddles_at_a_grazing_angle", codes(65, 65, 4.0, 2.0, |i, j| if (i + j) % 2 == 0 { 0 } else { 65_535 }), look([-300.0, 4.0, 100.0], [130.0, 1.0, 130.0])),
         scene("smaller_than_a_pixel", floats(2, 2, 0.01, |_, _| 0.01), look([10.0, 10.0, 10.0], [0.005, 0.005, 0.005])).size(33, 33),
-        scene("two_by_two_of_full_range_and_a_millimetre", codes(2, 2, 0.001, 1_000.0, |i, j| if i == j { 65_535 } else { 0 }), look([-0.4, 1_000.3, 0.6], [0.0005, 999.9, 0.0005])).projection(perspective(60.0, 4.0 / 3.0, 1e-4)),
+        scene("two_by_two_of_full_range_and_a_millimetre", codes(2, 2, 0.001, 1_000.0, |i, j| if i == j { 65_535 } else { 0 }), look([-0.003, 1_000.003, 0.005], [0.0005, 999.999, 0.0005])).projection(perspective(60.0, 4.0 / 3.0, 1e-4)),
         scene("heights_below_f32s_normal_range", floats(33, 33, 4.0, |i, j| 1e-40 * (i * j) as f32), look([-20.0, 40.0, -30.0], [64.0, 0.0, 64.0])),
         scene("heights_of_ten_thousand_kilometres", floats(33, 33, 1e6, |i, j| 1e7 * ((i + 2 * j) % 7) as f32 / 7.0), look([-9e6, 3e7, -9e6], [1.6e7, 0.0, 1.6e7])),
         scene("one_code_of_relief_over_the_full_range", codes(65, 65, 4.0, 8_848.0, |i, j| 30_000 + ((i ^ j) & 1) as u16), look([-60.0, 4_100.0, -60.0], [130.0, 4_050.0, 130.0])),
