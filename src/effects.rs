@@ -121,6 +121,10 @@ impl Effects {
 /// Run condition: an entity has the component that asks for an effect, or had it until now, or the effect is not dormant yet.
 ///
 /// What it guards does nothing in a scene that doesn't call for it, and is run once more when the last component is gone.
+#[expect(
+    clippy::type_complexity,
+    reason = "a condition's type is what it looks at"
+)]
 pub(crate) fn is_called_for<C: Component>(
     effect: Effect,
 ) -> impl FnMut(Query<(), With<C>>, RemovedComponents<C>, Option<Res<Effects>>) -> bool + Clone {

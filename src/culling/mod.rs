@@ -41,11 +41,11 @@ use crate::{
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CullSystems;
 
-/// Whether a camera asks for the table of candidates, or it is still there.
-fn are_wanted(
-    asking: Query<(), Or<(With<ZBufferOcclusion>, With<ContributionCulling>)>>,
-    table: Res<candidates::Candidates>,
-) -> bool {
+/// What asks for the table of candidates.
+type Asking = Or<(With<ZBufferOcclusion>, With<ContributionCulling>)>;
+
+/// Whether a camera asks for it, or it is still there.
+fn are_wanted(asking: Query<(), Asking>, table: Res<candidates::Candidates>) -> bool {
     !asking.is_empty() || table.is_kept
 }
 

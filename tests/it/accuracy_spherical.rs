@@ -32,10 +32,10 @@ fn the_default_loses_no_pixel_and_the_papers_way_does() {
         match line["setting"]["mode"].as_str() {
             Some("none") => assert_eq!((share, wrong), (1.0, 0.0)),
             Some("conservative") => {
-                assert!(0.2 < share && share < 0.9, "{line}");
+                assert!(0.02 < share && share < 0.9, "{line}");
                 assert_eq!(wrong, 0.0, "{line}");
             }
-            Some("cones") => assert!(0.2 < share && share < 1.0, "{line}"),
+            Some("cones") => assert!(0.02 < share && share < 1.0, "{line}"),
             mode => {
                 assert_eq!(mode, Some("paper"));
                 assert!(share < 1.0 && wrong > 0.0, "{line}");

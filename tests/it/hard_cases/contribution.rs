@@ -134,7 +134,7 @@ fn sampled(view: &View, world: &Affine3A, volume: &LocalBox) -> (f64, u64) {
     let cube_from_clip = clip_from_cube.inverse();
     let size = view.viewport.as_dvec2();
     // Of what cannot be inverted or is no number, nothing is seen.
-    if !cube_from_clip.is_finite() || !(size.is_finite() && size.min_element() > 0.0) {
+    if !(cube_from_clip.is_finite() && size.is_finite() && size.min_element() > 0.0) {
         return (0.0, 0);
     }
     let (from, to) = window(&clip_from_cube);

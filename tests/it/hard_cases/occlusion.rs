@@ -285,9 +285,10 @@ fn what_is_near_a_hard_case_is_judged_alike() {
             .map(|_| {
                 let mut case = hard.case.clone();
                 let mut by = |x: f32| x + (random.within(-size, size) as f32) * x.abs().max(1e-3);
-                let mut moved = |v: Vec3| Vec3::from_array(v.to_array().map(&mut by));
-                case.volume.centre = moved(case.volume.centre);
-                case.volume.axes = case.volume.axes.map(&mut moved);
+                let volume = &mut case.volume;
+                for place in core::iter::once(&mut volume.centre).chain(&mut volume.axes) {
+                    *place = Vec3::from_array(place.to_array().map(&mut by));
+                }
                 case
             })
             .collect();

@@ -120,7 +120,7 @@ pub fn page(
     overview(&mut page, plan, parts, &verdicts);
     page.push_str("</section>\n");
     page.push_str(&sections);
-    let _ = write!(page, "<script>{SCRIPT}</script></html>\n");
+    let _ = writeln!(page, "<script>{SCRIPT}</script></html>");
     Ok((page, verdicts))
 }
 
@@ -479,9 +479,9 @@ fn figure(page: &mut String, picture: &Picture, directory: &Path) -> Result<(), 
     };
     let what = escaped(&picture.what);
     let data = base64::engine::general_purpose::STANDARD.encode(bytes);
-    let _ = write!(
+    let _ = writeln!(
         page,
-        "<figure><img src=\"data:image/png;base64,{data}\" alt=\"{what}\"><figcaption>{what}</figcaption></figure>\n"
+        "<figure><img src=\"data:image/png;base64,{data}\" alt=\"{what}\"><figcaption>{what}</figcaption></figure>"
     );
     Ok(())
 }

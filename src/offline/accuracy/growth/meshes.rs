@@ -170,7 +170,9 @@ fn around(number: u32) -> DVec3 {
 }
 
 /// A mesh's corners and triangles.
-fn raw(mesh: &Mesh) -> Option<(Vec<[f32; 3]>, Vec<[u32; 3]>)> {
+type Raw = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+fn raw(mesh: &Mesh) -> Option<Raw> {
     let VertexAttributeValues::Float32x3(positions) = mesh.attribute(Mesh::ATTRIBUTE_POSITION)?
     else {
         return None;
