@@ -15,6 +15,8 @@ use bevy::{platform::collections::HashMap, prelude::*};
 #[reflect(Resource, Default, Clone, Debug)]
 pub struct Effects {
     states: HashMap<Effect, EffectState>,
+    /// GPU memory held, whatever the state. units: bytes
+    held: HashMap<Effect, u64>,
 }
 
 /// The effects of the suite that this version has.
@@ -63,7 +65,7 @@ pub struct Activity {
     /// Time spent on the GPU, where it is measured (`RenderDiagnosticsPlugin`, on Vulkan and DirectX 12).
     /// units: ms
     pub gpu_ms: Option<f32>,
-    /// GPU memory held. units: bytes
+    /// GPU memory held; see [`Effects::bytes`], which tells it of effects that idle, too. units: bytes
     pub bytes: u64,
 }
 
@@ -71,6 +73,12 @@ impl Effects {
     /// State of an effect; dormant if its plugin was not added.
     pub fn state(&self, effect: Effect) -> &EffectState {
         self.states.get(&effect).unwrap_or(&EffectState::Dormant)
+    }
+
+    /// GPU memory that an effect holds: at work, idle, or for one more frame after its last component has gone. units:
+    /// bytes
+    pub fn bytes(&self, effect: Effect) -> u64 {
+        self.held.get(&effect).copied().unwrap_or(0)
     }
 
     /// State of terrain ray casting.
@@ -115,6 +123,10 @@ impl Effects {
 
     pub(crate) fn entry(&mut self, effect: Effect) -> &mut EffectState {
         self.states.entry(effect).or_default()
+    }
+
+    pub(crate) fn hold(&mut self, effect: Effect, bytes: u64) {
+        self.held.insert(effect, bytes);
     }
 }
 

@@ -93,9 +93,12 @@ impl GpuHeightFields {
         self.fields.get(&id)
     }
 
-    /// Bytes of all textures and pyramids.
+    /// Bytes of all textures, pyramids and uniforms.
     pub fn bytes(&self) -> u64 {
-        self.fields.values().map(|field| field.bytes).sum()
+        let uniform =
+            |field: &GpuHeightField| field.uniform.buffer().map_or(0, |buffer| buffer.size());
+        let bytes = |field: &GpuHeightField| field.bytes + uniform(field);
+        self.fields.values().map(bytes).sum()
     }
 
     /// Frees what no terrain shows any more.
@@ -368,6 +371,7 @@ pub fn height_mips(
             continue;
         };
         let mut uniforms = DynamicUniformBuffer::<GpuMipLevel>::default();
+        uniforms.set_label(Some("skyline_mip_levels"));
         let levels: Vec<_> = levels_under(field.size, &field.level_offsets, rect)
             .map(|level| (uniforms.push(&level), level.count.as_uvec2()))
             .collect();

@@ -30,6 +30,11 @@ impl BoxCountReadback {
         }
     }
 
+    /// What it comes back in.
+    pub fn buffer(&self) -> &Buffer {
+        &self.staging
+    }
+
     /// The last count that came back; 0 before the first.
     pub fn latest(&self) -> u64 {
         self.latest.load(Ordering::Relaxed)

@@ -15,6 +15,7 @@ use bevy::{
     tasks::ComputeTaskPool,
 };
 
+use super::spans::Spans;
 use crate::{
     budget::{FrameBudget, WorkloadPolicy},
     contribution::{
@@ -447,22 +448,11 @@ pub fn forget_small(
 
 /// The diagnostics that the passes' spans appear under, made once.
 #[derive(Resource)]
-pub struct ContributionDiagnosticPaths([DiagnosticPath; 2]);
+pub struct ContributionDiagnosticPaths(Spans<2>);
 
 impl Default for ContributionDiagnosticPaths {
     fn default() -> Self {
-        Self(
-            ["contribution", "contribution_draws"]
-                .map(|span| DiagnosticPath::new(format!("render/{span}/elapsed_gpu"))),
-        )
-    }
-}
-
-impl ContributionDiagnosticPaths {
-    fn gpu_ms(&self, store: &DiagnosticsStore) -> Option<f32> {
-        let smoothed = |path| store.get(path)?.smoothed();
-        let sum = self.0.iter().filter_map(smoothed).reduce(|a, b| a + b);
-        sum.map(|ms| ms as f32)
+        Self(Spans::new(["contribution", "contribution_draws"]))
     }
 }
 
@@ -482,12 +472,15 @@ pub fn report_contribution(
     stats: Res<ContributionStats>,
     paths: Res<ContributionDiagnosticPaths>,
     store: Option<Res<DiagnosticsStore>>,
+    table: Res<Candidates>,
     cameras: Query<ReportedCamera>,
+    occluders: Query<(), With<ZBufferOcclusion>>,
     mut diagnostics: Diagnostics,
 ) {
-    let entry = effects
-        .bypass_change_detection()
-        .entry(Effect::ContributionCulling);
+    let bytes = stats.lock().bytes;
+    let effects = effects.bypass_change_detection();
+    effects.hold(Effect::ContributionCulling, bytes);
+    let entry = effects.entry(Effect::ContributionCulling);
     if cameras.is_empty() {
         if *entry != EffectState::Dormant {
             *entry = EffectState::Dormant;
@@ -552,10 +545,15 @@ pub fn report_contribution(
             }
         };
     }
-    activity.cpu_ms = total.cpu_ms;
+    // The table of candidates is kept for both; where both are asked for, occlusion culling tells its time.
+    let of_table = if occluders.is_empty() {
+        table.update_ms
+    } else {
+        0.0
+    };
+    activity.cpu_ms = of_table + total.cpu_ms;
     activity.gpu_ms = store
-        .as_deref()
         .filter(|_| total.on_gpu)
-        .and_then(|store| paths.gpu_ms(store));
-    activity.bytes = stats.lock().bytes;
+        .and_then(|store| paths.0.smoothed_ms(&store));
+    activity.bytes = bytes;
 }

@@ -10,6 +10,7 @@ use bevy::{
     prelude::*,
 };
 
+use super::spans::Spans;
 use crate::{
     contribution::ContributionCulling,
     culling::{CulledEntities, candidates::Candidates},
@@ -82,7 +83,7 @@ pub fn cull_occluded(
     table.refresh_groups();
     let gpu_ms = store
         .as_deref()
-        .map_or(0.0, |store| paths.gpu_ms(store).unwrap_or(0.0));
+        .map_or(0.0, |store| paths.0.smoothed_ms(store).unwrap_or(0.0));
     for (camera, settings, mut state, mut visible, mut culled, mut counts) in &mut cameras {
         let began = Instant::now();
         culled.occluded.clear();
@@ -371,22 +372,11 @@ pub fn forget_occluded(
 
 /// The diagnostics that the passes' spans appear under, made once.
 #[derive(Resource)]
-pub struct OcclusionDiagnosticPaths([DiagnosticPath; SPANS.len()]);
+pub struct OcclusionDiagnosticPaths(Spans<{ SPANS.len() }>);
 
 impl Default for OcclusionDiagnosticPaths {
     fn default() -> Self {
-        Self(SPANS.map(|span| DiagnosticPath::new(format!("render/{span}/elapsed_gpu"))))
-    }
-}
-
-impl OcclusionDiagnosticPaths {
-    /// Time of the passes on the GPU, where it is measured. units: ms
-    fn gpu_ms(&self, store: &DiagnosticsStore) -> Option<f32> {
-        self.0
-            .iter()
-            .filter_map(|path| store.get(path)?.smoothed())
-            .reduce(|a, b| a + b)
-            .map(|ms| ms as f32)
+        Self(Spans::new(SPANS))
     }
 }
 
@@ -406,16 +396,16 @@ pub fn report_occlusion(
     )>,
     mut diagnostics: Diagnostics,
 ) {
-    let entry = effects
-        .bypass_change_detection()
-        .entry(Effect::ZBufferOcclusion);
+    let stats = stats.lock();
+    let effects = effects.bypass_change_detection();
+    effects.hold(Effect::ZBufferOcclusion, stats.bytes);
+    let entry = effects.entry(Effect::ZBufferOcclusion);
     if cameras.is_empty() {
         if *entry != EffectState::Dormant {
             *entry = EffectState::Dormant;
         }
         return;
     }
-    let stats = stats.lock();
     let no_recheck = stats.no_recheck.as_ref().filter(|_| {
         cameras
             .iter()
@@ -477,6 +467,6 @@ pub fn report_occlusion(
         let _ = write!(activity.what, "; {wrong}");
     }
     activity.cpu_ms = total.cpu_ms;
-    activity.gpu_ms = store.as_deref().and_then(|store| paths.gpu_ms(store));
+    activity.gpu_ms = store.and_then(|store| paths.0.smoothed_ms(&store));
     activity.bytes = stats.bytes;
 }

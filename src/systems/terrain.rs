@@ -2,11 +2,9 @@
 
 use core::fmt::Write;
 
-use bevy::{
-    diagnostic::{DiagnosticPath, DiagnosticsStore},
-    prelude::*,
-};
+use bevy::{diagnostic::DiagnosticsStore, prelude::*};
 
+use super::spans::Spans;
 use crate::{
     effects::{Effect, EffectState, Effects},
     render_graph::stats::TerrainStats,
@@ -29,11 +27,11 @@ const SPANS: [&str; 10] = [
 
 /// The diagnostics terrain's spans appear under, made once.
 #[derive(Resource)]
-pub struct TerrainDiagnosticPaths([DiagnosticPath; SPANS.len()]);
+pub struct TerrainDiagnosticPaths(Spans<{ SPANS.len() }>);
 
 impl Default for TerrainDiagnosticPaths {
     fn default() -> Self {
-        Self(SPANS.map(|span| DiagnosticPath::new(format!("render/{span}/elapsed_gpu"))))
+        Self(Spans::new(SPANS))
     }
 }
 
@@ -48,7 +46,10 @@ pub fn report_terrain(
     terrains: Query<(&Terrain, &InheritedVisibility)>,
 ) {
     let counts = stats.lock();
-    let entry = effects.bypass_change_detection().entry(Effect::Terrain);
+    let bytes = counts.field_bytes + counts.view_bytes + counts.cascade_bytes;
+    let effects = effects.bypass_change_detection();
+    effects.hold(Effect::Terrain, bytes);
+    let entry = effects.entry(Effect::Terrain);
     if let Some(reason) = &counts.unsupported {
         if !matches!(entry, EffectState::Unsupported(_)) {
             *entry = EffectState::Unsupported(reason.clone());
@@ -76,15 +77,8 @@ pub fn report_terrain(
     }
     let activity = entry.activity();
     activity.cpu_ms = counts.cpu_ms;
-    activity.bytes = counts.field_bytes + counts.view_bytes + counts.cascade_bytes;
-    activity.gpu_ms = diagnostics.and_then(|store| {
-        paths
-            .0
-            .iter()
-            .filter_map(|path| store.get(path)?.value())
-            .map(|ms| ms as f32)
-            .reduce(|a, b| a + b)
-    });
+    activity.bytes = bytes;
+    activity.gpu_ms = diagnostics.and_then(|store| paths.0.latest_ms(&store));
     activity.what.clear();
     // Writing to a string cannot fail.
     let views = counts.views_drawn;

@@ -7,6 +7,7 @@ use bevy::prelude::*;
 use crate::{
     effects::{Effect, EffectState, Effects},
     render_graph::stats::TerrainStats,
+    terrain::{HeightField, Terrain},
     terrain_shadow::TerrainShadow,
 };
 
@@ -15,13 +16,14 @@ use crate::{
 pub fn report_terrain_shadow(
     mut effects: ResMut<Effects>,
     stats: Res<TerrainStats>,
-    shadows: Query<(), With<TerrainShadow>>,
+    fields: Res<Assets<HeightField>>,
+    shadows: Query<(&Terrain, &InheritedVisibility), With<TerrainShadow>>,
     mut words: Local<String>,
 ) {
     let counts = stats.lock();
-    let entry = effects
-        .bypass_change_detection()
-        .entry(Effect::TerrainShadow);
+    let effects = effects.bypass_change_detection();
+    effects.hold(Effect::TerrainShadow, counts.shadows.bytes);
+    let entry = effects.entry(Effect::TerrainShadow);
     if let Some(reason) = &counts.unsupported {
         if !matches!(entry, EffectState::Unsupported(_)) {
             *entry = EffectState::Unsupported(reason.clone());
@@ -50,10 +52,17 @@ pub fn report_terrain_shadow(
     } else if maps.waiting {
         let _ = write!(words, "out of date, but no camera sees the terrain");
     } else if maps.maps == 0 {
-        let _ = write!(
-            words,
+        let mut loaded = shadows
+            .iter()
+            .filter(|(terrain, _)| fields.contains(&terrain.height_field))
+            .peekable();
+        words.push_str(if loaded.peek().is_none() {
+            "its height field is not loaded yet"
+        } else if !loaded.any(|(_, visible)| visible.get()) {
+            "every terrain that casts it is hidden"
+        } else {
             "no light casts it: set shadow_maps_enabled on one, or ShadowedLights::All"
-        );
+        });
     } else if maps.shown < maps.maps {
         let _ = write!(words, "waiting for the height field and the shaders");
     } else {

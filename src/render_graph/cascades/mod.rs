@@ -136,14 +136,12 @@ impl TerrainCascades {
                     (Some(_), Some(square)) => 4 * texels(square.side),
                     _ => 0,
                 };
-                let tiles = cascade
-                    .casters
-                    .iter()
-                    .filter_map(|c| c.slot.tile_start.as_ref());
-                let tiles: u64 = tiles.flatten().map(|starts| starts.buffer.size()).sum();
-                depth + tiles + 1024 * cascade.casters.len() as u64
+                let casters = cascade.casters.iter().map(|caster| caster.slot.bytes());
+                let uniforms = [cascade.erosion.buffer(), cascade.write.buffer()];
+                let uniforms = uniforms.into_iter().flatten().map(|buffer| buffer.size());
+                depth + casters.sum::<u64>() + uniforms.sum::<u64>()
             })
             .sum();
-        targets + cascades
+        targets + cascades + self.unused.as_ref().map_or(0, Unused::bytes)
     }
 }

@@ -227,6 +227,7 @@ impl TerrainCascade {
         self.drawn = self.casters.iter().any(|caster| caster.in_view);
         let write = square.write(cascade);
         if self.write.buffer().is_none() || *self.write.get() != write {
+            self.write.set_label(Some("skyline_cascade_write"));
             self.write.set(write);
             self.write.write_buffer(device, queue);
         }
@@ -302,6 +303,7 @@ impl TerrainCascade {
             self.depth = None;
         }
         self.square = Some(*square);
+        self.erosion.set_label(Some("skyline_cascade_erosion"));
         self.erosion.set(square.erosion);
         self.erosion.write_buffer(device, queue);
         self.due = self.casters.iter().any(|caster| caster.in_view);

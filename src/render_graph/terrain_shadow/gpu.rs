@@ -202,7 +202,9 @@ impl Making {
 
     /// Bytes held.
     pub fn bytes(&self) -> u64 {
-        self.visibility.size() + self.tiles.size() + 512
+        let uniforms = [self.light.buffer(), self.sweep.buffer()];
+        let uniforms = uniforms.into_iter().flatten().map(|buffer| buffer.size());
+        self.visibility.size() + self.tiles.size() + uniforms.sum::<u64>()
     }
 
     /// Tiles there is room for.

@@ -138,8 +138,9 @@ impl TerrainMaps {
 
     /// Bytes held.
     pub fn bytes(&self) -> u64 {
-        let shown = self.shown.as_ref().map_or(0, |buffer| buffer.size());
-        shown + self.making.as_ref().map_or(0, Making::bytes)
+        let buffers = self.shown.iter().chain(self.table.buffer());
+        let held: u64 = buffers.map(|buffer| buffer.size()).sum();
+        held + self.making.as_ref().map_or(0, Making::bytes)
     }
 
     /// Notes what has changed of the heights.
@@ -413,6 +414,7 @@ impl TerrainMaps {
         }
         if table != self.table_now || self.table.binding().is_none() {
             self.table_now = table;
+            self.table.set_label(Some("skyline_light_maps"));
             self.table.set(table);
             self.table.write_buffer(device, queue);
         }

@@ -356,6 +356,11 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
 }
 
 impl Unused {
+    /// GPU memory, one texel's included. units: bytes
+    pub fn bytes(&self) -> u64 {
+        self.buffer.size() + 4
+    }
+
     pub fn new(device: &RenderDevice) -> Self {
         let texture = device.create_texture(&TextureDescriptor {
             label: Some("skyline_unused"),

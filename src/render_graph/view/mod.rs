@@ -25,7 +25,6 @@ use super::{
     height_mips::GpuHeightFields,
     pipelines::{BOX_DEPTH_FORMAT, BOX_ENTRY_FORMAT},
     stats::TerrainStats,
-    subdivide::COUNT_BYTES,
 };
 use crate::terrain::{
     Traversal,
@@ -99,23 +98,10 @@ impl TerrainViews {
             .map(|view| {
                 let targets = view.targets.as_ref().map_or(0, |t| 8 * pixels(t.room));
                 let boxes = view.boxes.as_ref().map_or(0, |b| 8 * pixels(b.room));
-                let slots: u64 =
-                    view.slots
-                        .values()
-                        .map(|slot| {
-                            let lists = slot.lists.as_ref().map_or(0, |lists| {
-                                24 * u64::from(lists.capacity) + 3 * COUNT_BYTES
-                            });
-                            let tiles = slot
-                                .tile_start
-                                .as_ref()
-                                .map_or(0, |starts| starts.iter().map(|s| s.buffer.size()).sum());
-                            lists + tiles + 1024
-                        })
-                        .sum();
-                targets + boxes + slots
+                targets + boxes + view.slots.values().map(TerrainSlot::bytes).sum::<u64>()
             })
-            .sum()
+            .sum::<u64>()
+            + self.unused.as_ref().map_or(0, Unused::bytes)
     }
 }
 

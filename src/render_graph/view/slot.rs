@@ -106,7 +106,43 @@ pub(in crate::render_graph) struct SlotInputs<'a> {
     pub clip_from_world: DMat4,
 }
 
+impl BoxLists {
+    fn bytes(&self) -> u64 {
+        let [a, b] = &self.nodes;
+        [
+            a,
+            b,
+            &self.boxes,
+            &self.counts,
+            &self.arguments,
+            &self.template,
+        ]
+        .into_iter()
+        .chain(self.passes.buffer())
+        .chain([self.readback.buffer()])
+        .map(|buffer| buffer.size())
+        .sum()
+    }
+}
+
 impl TerrainSlot {
+    /// GPU memory of uniforms, lists and tiles. units: bytes
+    pub(in crate::render_graph) fn bytes(&self) -> u64 {
+        let uniforms = [
+            self.view.buffer(),
+            self.placement.buffer(),
+            self.look.buffer(),
+        ];
+        let tiles = self
+            .tile_start
+            .iter()
+            .flatten()
+            .map(|starts| &starts.buffer);
+        let buffers = uniforms.into_iter().flatten().chain(tiles);
+        let lists = self.lists.as_ref().map_or(0, BoxLists::bytes);
+        lists + buffers.map(|buffer| buffer.size()).sum::<u64>()
+    }
+
     pub(in crate::render_graph) fn prepare(
         &mut self,
         inputs: &SlotInputs,
@@ -123,6 +159,11 @@ impl TerrainSlot {
             id,
             ..
         } = *inputs;
+        if self.view.buffer().is_none() {
+            self.view.set_label(Some("skyline_terrain_view"));
+            self.placement.set_label(Some("skyline_placement"));
+            self.look.set_label(Some("skyline_look"));
+        }
         self.traversal = settings.traversal;
         self.float = field.float;
         self.levels = field.level_offsets.len() as u32;
@@ -298,6 +339,7 @@ impl TerrainSlot {
             })
         };
         let mut passes = DynamicUniformBuffer::default();
+        passes.set_label(Some("skyline_subdivide_passes"));
         let pass_offsets = (0..MAX_PASSES)
             .map(|index| {
                 passes.push(&GpuSubdividePass {

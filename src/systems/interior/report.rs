@@ -22,16 +22,18 @@ pub fn report_interior(
     assets: Assetry,
     mut words: Local<String>,
 ) {
-    let entry = effects
-        .bypass_change_detection()
-        .entry(Effect::InteriorCulling);
+    let effects = effects.bypass_change_detection();
+    let trimmed = || models.store.trimmed().map(|trimmed| trimmed.bytes).sum();
     if roots.is_empty() {
+        effects.hold(Effect::InteriorCulling, trimmed());
+        let entry = effects.entry(Effect::InteriorCulling);
         if *entry != EffectState::Dormant {
             *entry = EffectState::Dormant;
             *words = String::new();
         }
         return;
     }
+    let entry = effects.entry(Effect::InteriorCulling);
     if let Some(missing) = assets.missing() {
         if !matches!(entry, EffectState::Unsupported(_)) {
             warn!("no interior is culled: {missing}");
@@ -79,19 +81,30 @@ pub fn report_interior(
         }
         say(&mut words, job);
     }
+    if words.is_empty() {
+        words.push_str("nothing below its root is known yet");
+    }
+    // What is held changes with what is said.
+    let said = match entry {
+        EffectState::Idle(why) => Some(why.as_str()),
+        EffectState::Active(activity) => Some(activity.what.as_str()),
+        EffectState::Unsupported(_) | EffectState::Dormant => None,
+    };
+    if said != Some(words.as_str()) {
+        effects.hold(Effect::InteriorCulling, trimmed());
+    }
+    let bytes = effects.bytes(Effect::InteriorCulling);
+    let entry = effects.entry(Effect::InteriorCulling);
     if done == 0 {
-        if words.is_empty() {
-            words.push_str("nothing below its root is known yet");
-        }
         entry.idle(&words);
         return;
     }
     let activity = entry.activity();
     if activity.what != *words {
         activity.what.clone_from(&words);
-        activity.gpu_ms = None;
-        activity.bytes = models.store.trimmed().map(|trimmed| trimmed.bytes).sum();
     }
+    activity.gpu_ms = None;
+    activity.bytes = bytes;
     activity.cpu_ms = models.cpu_ms;
 }
 

@@ -82,7 +82,8 @@ pub(super) struct Build {
     current: Option<Making>,
     meshes: Vec<Handle<Mesh>>,
     waiting: Vec<AssetId<Mesh>>,
-    bytes: u64,
+    /// Of the meshes, on the GPU.
+    pub(super) bytes: u64,
 }
 
 /// A mesh and its index.

@@ -18,9 +18,14 @@ pub fn report_spherical(
     meshes: Option<Res<Assets<Mesh>>>,
     mut words: Local<String>,
 ) {
-    let entry = effects
-        .bypass_change_detection()
-        .entry(Effect::SphericalIndex);
+    let bytes = models
+        .indices
+        .iter()
+        .map(|(_, step)| step.gpu_bytes())
+        .sum();
+    let effects = effects.bypass_change_detection();
+    effects.hold(Effect::SphericalIndex, bytes);
+    let entry = effects.entry(Effect::SphericalIndex);
     if roots.is_empty() {
         if *entry != EffectState::Dormant {
             *entry = EffectState::Dormant;
@@ -109,17 +114,19 @@ pub fn report_spherical(
     }
     activity.gpu_ms = None;
     activity.cpu_ms = models.making_ms + models.selecting_ms;
-    activity.bytes = models
-        .indices
-        .iter()
-        .map(|(_, step)| match step {
-            Step::Ready(indexed) => indexed.gpu_bytes,
-            _ => 0,
-        })
-        .sum();
+    activity.bytes = bytes;
 }
 
 impl Step {
+    /// Of the chunks' meshes, so far.
+    fn gpu_bytes(&self) -> u64 {
+        match self {
+            Self::Build(build) => build.bytes,
+            Self::Ready(indexed) => indexed.gpu_bytes,
+            Self::Gather(_) | Self::Work(_) | Self::Failed(_) => 0,
+        }
+    }
+
     fn is_under_way(&self) -> bool {
         !matches!(self, Self::Ready(_) | Self::Failed(_))
     }
