@@ -4,8 +4,8 @@
 //! |---|---|---|---|---|
 //! | `extract_terrains` | `ExtractSchedule` | – | – | uploads changed heights straight from the asset |
 //! | `extract_shadows` | `ExtractSchedule` | – | – | notes which heights have changed |
-//! | `prepare_terrain_shadows` | `Render`, `PrepareResources` | – | – | plans what of the shadow maps is made |
 //! | `prepare_terrain_views` | `Render`, `PrepareResources` | – | – | rays, textures, lists |
+//! | `prepare_terrain_shadows` | `Render`, `PrepareResources` | `prepare_terrain_views` | – | plans what is made of the shadow maps of terrains that some camera draws |
 //! | `prepare_terrain_cascades` | `Render`, `PrepareResources` | `prepare_terrain_views` | – | adds to its counts; the cascades are there since `CreateViews` |
 //! | `prepare_terrain_bind_groups` | `Render`, `PrepareBindGroups` | – | – | binds what is new, queues pipelines |
 //! | `height_mips` | `RenderGraph` | – | `camera_driver` | views read this frame's pyramid |
@@ -118,7 +118,11 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
         .add_systems(
             Render,
             (
-                (prepare_terrain_views, prepare_terrain_shadows)
+                (
+                    prepare_terrain_views,
+                    // It knows which terrains are drawn.
+                    prepare_terrain_shadows.after(prepare_terrain_views),
+                )
                     .in_set(RenderSystems::PrepareResources),
                 prepare_terrain_cascades
                     .in_set(RenderSystems::PrepareResources)

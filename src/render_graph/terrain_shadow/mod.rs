@@ -36,6 +36,7 @@ use super::{
     height_mips::{GpuHeightField, GpuHeightFields},
     pipelines::TerrainPipelines,
     stats::TerrainStats,
+    view::TerrainViews,
 };
 use crate::{
     terrain::HeightField,
@@ -92,6 +93,7 @@ pub fn prepare_terrain_shadows(
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     adapter: Res<RenderAdapterInfo>,
+    views: Res<TerrainViews>,
     cameras: Query<&ExtractedView, With<ExtractedCamera>>,
 ) {
     let Some(mut pipelines) = pipelines.filter(|_| !shadows.terrains.is_empty()) else {
@@ -119,8 +121,15 @@ pub fn prepare_terrain_shadows(
         if let Some(field) = field {
             maps.take_edits(terrain);
             if let Some((index, wanted)) = maps.next(terrain, lights) {
+                // A box that no plane of a frustum cuts off may be out of view all the same: who draws the terrain
+                // is known exactly.
+                let draws = |view: &&ExtractedView| {
+                    let camera = view.retained_view_entity.main_entity.id();
+                    let view = views.views.get(&camera);
+                    view.is_some_and(|view| view.drawn.contains(&terrain.terrain))
+                };
                 frusta.clear();
-                frusta.extend(cameras.iter().map(|view| {
+                frusta.extend(cameras.iter().filter(draws).map(|view| {
                     let clip = clip_from_world(view.clip_from_view, &view.world_from_view);
                     Frustum::new(clip * DMat4::from(terrain.world_from_grid))
                 }));
@@ -161,9 +170,10 @@ pub fn prepare_terrain_shadows(
         maps.update_table(lights, &device, &queue);
         counts.maps += maps.lights.len() as u64;
         counts.shown += maps.lights.iter().filter(|map| map.shown.is_some()).count() as u64;
-        counts.bytes += maps.bytes();
         counts.refused.extend(maps.refused.clone());
     }
+    // A hidden terrain keeps its maps.
+    counts.bytes = terrains.values().map(TerrainMaps::bytes).sum();
     counts.cpu_ms = start.elapsed().as_secs_f32() * 1e3;
     stats.lock().shadows = counts;
 }
