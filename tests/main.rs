@@ -20,6 +20,9 @@ mod budget_controller;
 #[path = "it/budget_model.rs"]
 mod budget_model;
 #[cfg(feature = "cli")]
+#[path = "it/cause.rs"]
+mod cause;
+#[cfg(feature = "cli")]
 #[path = "it/cli.rs"]
 mod cli;
 #[cfg(feature = "cli")]
@@ -44,6 +47,12 @@ mod contribution;
 mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
+#[cfg(feature = "cli")]
+#[path = "it/effect_scene.rs"]
+mod effect_scene;
+#[cfg(feature = "cli")]
+#[path = "it/effect_toggling.rs"]
+mod effect_toggling;
 #[cfg(feature = "cli")]
 #[path = "it/glb.rs"]
 mod glb;
@@ -100,6 +109,9 @@ mod query;
 #[cfg(feature = "cli")]
 #[path = "it/ray_cast.rs"]
 mod ray_cast;
+#[cfg(feature = "cli")]
+#[path = "it/registry.rs"]
+mod registry;
 #[cfg(feature = "cli")]
 #[path = "it/resolution.rs"]
 mod resolution;
