@@ -59,6 +59,7 @@ pub mod interior;
 pub mod occlusion;
 #[cfg(feature = "cli")]
 pub mod offline;
+mod one_line;
 #[cfg(feature = "panel")]
 pub mod panel;
 pub mod plugin;

@@ -47,6 +47,8 @@ mod contribution;
 mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
+#[path = "it/fuzz.rs"]
+mod fuzz;
 #[cfg(feature = "cli")]
 #[path = "it/effect_scene.rs"]
 mod effect_scene;
@@ -115,6 +117,19 @@ mod registry;
 #[cfg(feature = "cli")]
 #[path = "it/resolution.rs"]
 mod resolution;
+#[cfg(feature = "cli")]
+#[path = "it/robust_found.rs"]
+mod robust_found;
+#[path = "it/robust_fuzz_heights.rs"]
+mod robust_fuzz_heights;
+#[cfg(feature = "cli")]
+#[path = "it/robust_fuzz_models.rs"]
+mod robust_fuzz_models;
+#[path = "it/robust_fuzz_settings.rs"]
+mod robust_fuzz_settings;
+#[cfg(feature = "cli")]
+#[path = "it/robust_fuzz_words.rs"]
+mod robust_fuzz_words;
 #[path = "it/spherical.rs"]
 mod spherical;
 #[cfg(feature = "cli")]

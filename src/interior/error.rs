@@ -8,7 +8,8 @@ pub enum InteriorError {
     NoTriangles,
     /// A vertex is nowhere.
     #[error(
-        "part {part}, of node {node}, has a vertex that is not finite; repair the model or its transforms"
+        "part {part}, of node {node}, has a vertex that is not finite, or farther away than 1e100; repair the model or its \
+         transforms"
     )]
     NotFinite {
         /// Number of the part in the model.

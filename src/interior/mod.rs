@@ -52,7 +52,7 @@ pub use app::{InteriorCounts, NoInteriorCulling};
 pub use cull::{Outcome, Verdict, cull, cull_on, distance_field};
 pub use error::InteriorError;
 pub use gpu::{FieldDevice, FieldOrigin, InteriorGpu, InteriorGpuError};
-pub use model::{Model, Part, Surface};
+pub use model::{FARTHEST, Model, Part, Surface};
 pub use progress::{Progress, Stage};
 pub use settings::{Faces, FieldBy, Grid, InteriorCulling, Level, Mode, Transparent};
 

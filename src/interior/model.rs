@@ -4,6 +4,10 @@ use std::sync::Arc;
 
 use bevy::math::{DAffine3, DVec3};
 
+/// What is farther from the origin is nowhere: differences and products of such places are no numbers. units: of the
+/// model's frame
+pub const FARTHEST: f64 = 1e100;
+
 /// A model: parts in one frame.
 #[derive(Clone, Debug, Default)]
 pub struct Model {
@@ -47,13 +51,14 @@ impl Model {
     /// Least and greatest corner of all that a triangle uses; `None` if there is no triangle.
     ///
     /// # Errors
-    /// The number of a part with a vertex that is not finite.
+    /// The number of a part with a vertex that is not finite, or beyond [`FARTHEST`].
     pub(super) fn bounds(&self) -> Result<Option<(DVec3, DVec3)>, usize> {
         let mut bounds: Option<(DVec3, DVec3)> = None;
         for (number, part) in self.parts.iter().enumerate() {
             for position in part.corners().flatten() {
                 let position = part.place(position);
-                if !position.is_finite() {
+                // No number is at most that either.
+                if !position.abs().cmple(DVec3::splat(FARTHEST)).all() {
                     return Err(number);
                 }
                 let (least, greatest) = bounds.get_or_insert((position, position));

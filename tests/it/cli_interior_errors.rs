@@ -29,6 +29,45 @@ fn model() -> Glb {
     model
 }
 
+/// The same with a strip, an animation, a skin, a picture, a material and a sparse accessor.
+pub fn rich_model() -> Glb {
+    let mut model = model();
+    let core = model.json["nodes"][1]["mesh"].clone();
+    let strip = model.primitive(
+        &[[0.0; 3], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [9.0; 3]],
+        &[0, 1, 2, 3],
+    );
+    model.json["meshes"][1]["primitives"]
+        .as_array_mut()
+        .expect("a list")
+        .push(strip);
+    model.json["meshes"][1]["primitives"][1]["mode"] = 5.into();
+    let ticks = model.floats("SCALAR", &[0.0, 1.0]);
+    let moves = model.floats("VEC3", &[0.0, 0.0, 0.0, 5.0, 0.0, 0.0]);
+    let mover = model.node(json!({ "name": "mover", "mesh": core, "camera": 0 }), true);
+    model.push(
+        "animations",
+        json!({
+            "samplers": [{ "input": ticks, "output": moves }],
+            "channels": [{ "sampler": 0, "target": { "node": mover, "path": "translation" } }],
+        }),
+    );
+    model.push("skins", json!({ "joints": [mover], "skeleton": 0 }));
+    model.push(
+        "images",
+        json!({ "bufferView": 0, "mimeType": "image/png" }),
+    );
+    model.push(
+        "materials",
+        json!({ "alphaMode": "OPAQUE", "doubleSided": false }),
+    );
+    model.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    model.json["accessors"][0]["sparse"] = json!({ "count": 1,
+        "indices": { "bufferView": 2, "componentType": 5123 },
+        "values": { "bufferView": 0, "byteOffset": 12 } });
+    model
+}
+
 /// A PNG of one pixel.
 fn picture(dir: &TempDir) -> Vec<u8> {
     let file = path(dir, "pixel.png");
@@ -497,40 +536,7 @@ impl Dice {
 #[test]
 fn no_mutation_makes_it_panic() {
     let dir = directory();
-    let mut model = model();
-    let core = model.json["nodes"][1]["mesh"].clone();
-    let strip = model.primitive(
-        &[[0.0; 3], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [9.0; 3]],
-        &[0, 1, 2, 3],
-    );
-    model.json["meshes"][1]["primitives"]
-        .as_array_mut()
-        .expect("a list")
-        .push(strip);
-    model.json["meshes"][1]["primitives"][1]["mode"] = 5.into();
-    let ticks = model.floats("SCALAR", &[0.0, 1.0]);
-    let moves = model.floats("VEC3", &[0.0, 0.0, 0.0, 5.0, 0.0, 0.0]);
-    let mover = model.node(json!({ "name": "mover", "mesh": core, "camera": 0 }), true);
-    model.push(
-        "animations",
-        json!({
-            "samplers": [{ "input": ticks, "output": moves }],
-            "channels": [{ "sampler": 0, "target": { "node": mover, "path": "translation" } }],
-        }),
-    );
-    model.push("skins", json!({ "joints": [mover], "skeleton": 0 }));
-    model.push(
-        "images",
-        json!({ "bufferView": 0, "mimeType": "image/png" }),
-    );
-    model.push(
-        "materials",
-        json!({ "alphaMode": "OPAQUE", "doubleSided": false }),
-    );
-    model.json["meshes"][0]["primitives"][0]["material"] = 0.into();
-    model.json["accessors"][0]["sparse"] = json!({ "count": 1,
-        "indices": { "bufferView": 2, "componentType": 5123 },
-        "values": { "bufferView": 0, "byteOffset": 12 } });
+    let model = rich_model();
     let settings = InteriorCulling {
         grid: Grid::Resolution(8),
         memory_mib: 16,

@@ -23,11 +23,11 @@ use crate::height_field::hash;
 // ---------------------------------------------------------------------------------------------
 // Files made in memory
 
-fn noise(count: u32) -> Vec<u16> {
+pub fn noise(count: u32) -> Vec<u16> {
     (0..count).map(|i| hash(i) as u16).collect()
 }
 
-fn png(width: u32, height: u32, color: ExtendedColorType, pixels: &[u8]) -> Vec<u8> {
+pub fn png(width: u32, height: u32, color: ExtendedColorType, pixels: &[u8]) -> Vec<u8> {
     let mut file = Vec::new();
     PngEncoder::new(&mut file)
         .write_image(pixels, width, height, color)
@@ -35,7 +35,7 @@ fn png(width: u32, height: u32, color: ExtendedColorType, pixels: &[u8]) -> Vec<
     file
 }
 
-fn png16(width: u32, height: u32, codes: &[u16]) -> Vec<u8> {
+pub fn png16(width: u32, height: u32, codes: &[u16]) -> Vec<u8> {
     png(
         width,
         height,
@@ -44,7 +44,7 @@ fn png16(width: u32, height: u32, codes: &[u16]) -> Vec<u8> {
     )
 }
 
-fn tiff<C: colortype::ColorType>(
+pub fn tiff<C: colortype::ColorType>(
     width: u32,
     height: u32,
     pixels: &[C::Inner],
@@ -67,7 +67,7 @@ where
 }
 
 /// A tiled TIFF of 16-bit grey, which the encoder cannot write: little-endian, uncompressed.
-fn tiled_tiff16(width: u32, height: u32, tile: u32, codes: &[u16]) -> Vec<u8> {
+pub fn tiled_tiff16(width: u32, height: u32, tile: u32, codes: &[u16]) -> Vec<u8> {
     let (across, down) = (width.div_ceil(tile), height.div_ceil(tile));
     let mut data = Vec::new();
     let mut offsets = Vec::new();
@@ -130,7 +130,7 @@ fn tiled_tiff16(width: u32, height: u32, tile: u32, codes: &[u16]) -> Vec<u8> {
     file
 }
 
-fn hgt(metres: &[i16]) -> Vec<u8> {
+pub fn hgt(metres: &[i16]) -> Vec<u8> {
     metres.iter().flat_map(|m| m.to_be_bytes()).collect()
 }
 
@@ -619,7 +619,7 @@ fn colour_and_transparency_are_refused_with_a_remedy() {
 }
 
 /// A 2×2 PNG with a palette of two greys, byte by byte.
-fn palette_png() -> Vec<u8> {
+pub fn palette_png() -> Vec<u8> {
     let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
     let mut chunk = |kind: &[u8; 4], data: &[u8]| {
         file.extend((data.len() as u32).to_be_bytes());
@@ -649,7 +649,7 @@ fn palette_png() -> Vec<u8> {
     file
 }
 
-fn crc32(bytes: &[u8]) -> u32 {
+pub fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0u32, |crc, &byte| {
         (0..8).fold(crc ^ u32::from(byte), |c, _| {
             if c & 1 == 1 {

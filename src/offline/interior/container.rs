@@ -12,6 +12,7 @@ use super::{
     json::{check, count, list},
     uri::{Uri, directory},
 };
+use crate::one_line::one_line;
 
 pub(super) const MAGIC: &[u8; 4] = b"glTF";
 pub(super) const JSON_CHUNK: u32 = 0x4e4f_534a;
@@ -86,7 +87,7 @@ impl Container {
             Some(uri) => {
                 let beside = |file: &Path, reason: String| ModelFileError::Beside {
                     buffer: number,
-                    file: file.display().to_string(),
+                    file: one_line(&file.display().to_string()),
                     reason,
                 };
                 let Uri::File(file) = uri else {
@@ -175,7 +176,7 @@ fn check_version(json: &Value) -> Result<(), ModelFileError> {
     let version = asset.and_then(|asset| asset.get("version"));
     match version.and_then(Value::as_str) {
         Some(version) if version.starts_with("2.") => Ok(()),
-        Some(version) => Err(ModelFileError::Version(format!("{version:.20}"))),
+        Some(version) => Err(ModelFileError::Version(one_line(&format!("{version:.20}")))),
         None => Err(ModelFileError::broken("it does not say its version")),
     }
 }

@@ -8,6 +8,7 @@ use super::{
     error::ModelFileError,
     json::{extension_names, list},
 };
+use crate::one_line::one_line;
 
 /// Vertices cannot be read at all.
 const COMPRESSIONS: [&str; 3] = [
@@ -66,7 +67,7 @@ pub(super) fn check(json: &Value) -> Result<(), ModelFileError> {
     }
     let is_known = |name: &str| is_self_contained(name) || [INSTANCING, POINTER].contains(&name);
     match listed("extensionsRequired").find(|name| !is_known(name)) {
-        Some(name) => Err(ModelFileError::Extension(format!("{name:.60}"))),
+        Some(name) => Err(ModelFileError::Extension(one_line(name))),
         None => Ok(()),
     }
 }

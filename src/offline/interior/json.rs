@@ -6,6 +6,7 @@
 use serde_json::{Map, Value};
 
 use super::error::ModelFileError;
+use crate::one_line::one_line;
 
 /// Lists of a glTF that others refer into by number, and that are shortened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -200,10 +201,10 @@ pub(super) fn extension_names(value: &Value) -> impl Iterator<Item = &str> {
         .map(String::as_str)
 }
 
-/// A number and, if it has one, its name.
+/// A number and, if it has one, its name; in one line.
 pub(super) fn named(number: usize, value: &Value) -> String {
     match value.get("name").and_then(Value::as_str) {
-        Some(name) => format!("{number} ({name})"),
+        Some(name) => format!("{number} ({})", one_line(name)),
         None => number.to_string(),
     }
 }

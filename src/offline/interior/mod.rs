@@ -43,9 +43,10 @@ use serde::Serialize;
 pub use self::error::{ModelFileError, TrimError};
 use self::{accessor::Numbers, container::Container, error::Budget, fresh::Fresh, read::Reading};
 use crate::interior::{
-    InteriorCulling, InteriorError, Level, Mode, Model, Outcome, Progress, Stage, cull,
+    InteriorCulling, InteriorError, Level, Mode, Model, Outcome, Part, Progress, Stage, cull,
     lattice::SPACINGS_IN_CELL,
 };
+use crate::one_line::one_line;
 
 /// How often the bar is brought up to date.
 const BAR_PERIOD: Duration = Duration::from_millis(100);
@@ -230,6 +231,41 @@ pub fn read_model(path: &Path, memory_mib: u32) -> Result<Model, TrimError> {
     Ok(reading.model)
 }
 
+/// A part of a model where it stands in its scene, and what it is painted with.
+pub(super) struct PaintedPart {
+    /// The surface, in the scene's frame.
+    pub part: Part,
+    /// Its material, and that material's colour: linear red, green and blue. range: 0..=1
+    pub material: Option<usize>,
+    /// See [`material`](Self::material).
+    pub colour: [f32; 3],
+}
+
+/// Every part that stands still, nodes in their order.
+///
+/// # Errors
+/// [`ModelFileError`].
+pub(super) fn read_painted(
+    path: &Path,
+    memory_mib: u32,
+) -> Result<Vec<PaintedPart>, ModelFileError> {
+    let Container { json, buffers, .. } = Container::read(path)?;
+    extensions::check(&json)?;
+    let numbers = Numbers::new(&json, &buffers)?;
+    let reading = read::read(&json, &numbers, &mut Budget::new(memory_mib))?;
+    let (parts, sites) = (reading.model.parts, reading.sites);
+    let painted = parts.into_iter().zip(sites).map(|(mut part, site)| {
+        part.model_from_local.translation += reading.middle;
+        let material = read::material(&json, site);
+        PaintedPart {
+            part,
+            material,
+            colour: read::colour(&json, material),
+        }
+    });
+    Ok(painted.collect())
+}
+
 /// Name of a level as a flag's value.
 pub fn level_name(level: Level) -> &'static str {
     match level {
@@ -321,8 +357,9 @@ fn notes(reading: &Reading, left: &[String]) -> Vec<String> {
     }
     if let Some(uri) = left.first() {
         notes.push(format!(
-            "{} pictures could not be taken along, {uri:.60} for one; copy them to where the model is now",
-            left.len()
+            "{} pictures could not be taken along, {} for one; copy them to where the model is now",
+            left.len(),
+            one_line(uri)
         ));
     }
     notes

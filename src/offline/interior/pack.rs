@@ -216,6 +216,13 @@ fn follow(
     let accessors = list_mut(json, "accessors").iter_mut().zip(is_kept);
     for (accessor, _) in accessors.filter(|(_, is_kept)| **is_kept) {
         move_offset(accessor, stretches)?;
+        let sparse = accessor.get("sparse");
+        if sparse.is_some_and(|sparse| sparse.get("count").and_then(index) == Some(0))
+            && let Some(accessor) = accessor.as_object_mut()
+        {
+            // Of no elements, and so of no bytes that it could say the place of.
+            accessor.remove("sparse");
+        }
         for part in ["indices", "values"] {
             if let Some(part) = accessor
                 .get_mut("sparse")

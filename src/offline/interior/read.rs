@@ -36,6 +36,8 @@ pub(super) struct Reading {
     pub moving: BTreeMap<Move, usize>,
     /// Of the model. units: of the scene
     pub longest: f64,
+    /// Where the model's origin is in the scene.
+    pub middle: DVec3,
     /// Of each node: whether another scene shows it, too.
     pub is_shown_elsewhere: Vec<bool>,
 }
@@ -113,6 +115,7 @@ pub(super) fn read(
         meshes: BTreeMap::new(),
         moving: BTreeMap::new(),
         longest: 0.0,
+        middle: DVec3::ZERO,
         is_shown_elsewhere: scene.is_shown_elsewhere,
     };
     for (node, place) in scene.places.into_iter().enumerate() {
@@ -179,9 +182,9 @@ impl Reading {
             return Err(ModelFileError::Small(longest));
         }
         self.longest = longest;
-        let middle = (least + greatest) / 2.0;
+        self.middle = (least + greatest) / 2.0;
         for part in &mut self.model.parts {
-            part.model_from_local.translation -= middle;
+            part.model_from_local.translation -= self.middle;
         }
         Ok(())
     }
@@ -355,4 +358,21 @@ impl Look {
         }
         Ok(all)
     }
+}
+
+/// The material of a primitive of a mesh.
+pub(super) fn material(json: &Value, (mesh, primitive): (usize, usize)) -> Option<usize> {
+    let primitive = list(list(json, "meshes").get(mesh)?, "primitives").get(primitive)?;
+    primitive.get("material").and_then(index)
+}
+
+/// What a material is painted with, without its textures: linear red, green and blue. range: 0..=1
+pub(super) fn colour(json: &Value, material: Option<usize>) -> [f32; 3] {
+    let material = material.and_then(|material| list(json, "materials").get(material));
+    let looks = material.and_then(|material| material.get("pbrMetallicRoughness"));
+    let factor = looks.map_or(&[][..], |looks| list(looks, "baseColorFactor"));
+    core::array::from_fn(|i| {
+        let part = factor.get(i).and_then(Value::as_f64).unwrap_or(1.0);
+        part.clamp(0.0, 1.0) as f32
+    })
 }

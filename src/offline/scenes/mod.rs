@@ -39,12 +39,12 @@ pub enum SceneError {
         /// What the system says.
         reason: String,
     },
-    /// The file is not what its name says.
-    #[error("{} is no glTF binary: {reason}", path.display())]
+    /// The file is no glTF, or a broken one.
+    #[error("{}: {reason}", path.display())]
     Gltf {
         /// The file.
         path: PathBuf,
-        /// The reader's words.
+        /// What is wrong with it, and what would help.
         reason: String,
     },
     /// The file has nothing that could be shown.
@@ -53,15 +53,19 @@ pub enum SceneError {
         /// The file.
         path: PathBuf,
     },
-    /// A mesh of the file is not what it should be.
-    #[error("{}: the mesh of node {node} {what}", path.display())]
-    Mesh {
+    /// The buildings are too far apart, or from the origin.
+    #[error(
+        "{}: its buildings are {across_m:.0} m across and up to {farthest_m:.0} m from the origin, where 20000 and \
+         1000000 are the most: scale the city to metres, and move it nearer",
+        path.display()
+    )]
+    TooLarge {
         /// The file.
         path: PathBuf,
-        /// Name or number of the node.
-        node: String,
-        /// What is wrong with it.
-        what: &'static str,
+        /// The longest side of the box around them. units: m
+        across_m: f32,
+        /// Their greatest coordinate. units: m
+        farthest_m: f32,
     },
     /// A line of an OBJ file is wrong.
     #[error("{}, line {line}: {what}", path.display())]

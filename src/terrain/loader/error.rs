@@ -156,7 +156,7 @@ pub enum HeightFieldLoadError {
 
 /// A deflated or LZW stream holds at most about 2700 times its own length. A header that claims
 /// more than this many bytes for each byte of the file lies, and must not make us allocate.
-const MOST_BYTES_A_BYTE: u64 = 4096;
+pub(super) const MOST_BYTES_A_BYTE: u64 = 4096;
 
 /// Refuses a header whose image cannot possibly be in the file.
 pub(super) fn check_plausible(

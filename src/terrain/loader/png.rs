@@ -6,7 +6,7 @@ use bevy::math::UVec2;
 use image::{ColorType, ImageDecoder, ImageError, codecs::png::PngDecoder};
 
 use super::{Decoded, HeightFieldLoadError, error::check_plausible};
-use crate::terrain::height_field::HeightSamples;
+use crate::{one_line::one_line, terrain::height_field::HeightSamples};
 
 const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
@@ -16,7 +16,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, HeightFieldLoadError> {
     }
     let damaged = |error: ImageError| HeightFieldLoadError::Damaged {
         format: "PNG",
-        reason: error.to_string(),
+        reason: one_line(&error.to_string()),
     };
     let decoder = PngDecoder::new(Cursor::new(bytes)).map_err(damaged)?;
     let size = UVec2::from(decoder.dimensions());

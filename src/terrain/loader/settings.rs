@@ -7,7 +7,10 @@ use bevy::{
 use serde::{Deserialize, Serialize};
 
 use super::{Decoded, HeightFieldLoadError, voids};
-use crate::terrain::height_field::{HeightField, HeightFieldError, HeightSamples};
+use crate::{
+    one_line::one_line,
+    terrain::height_field::{HeightField, HeightFieldError, HeightSamples},
+};
 
 /// Assumed where nobody says: metres between samples.
 const ASSUMED_TEXEL_M: f32 = 1.0;
@@ -102,7 +105,9 @@ pub(super) struct Sidecar {
 
 impl Sidecar {
     pub(super) fn parse(bytes: &[u8]) -> Result<Self, HeightFieldLoadError> {
-        let reason = |reason: String| HeightFieldLoadError::Sidecar { reason };
+        let reason = |reason: String| HeightFieldLoadError::Sidecar {
+            reason: one_line(&reason),
+        };
         // Not `Self` at once: serde would take an array for a list of the fields in order.
         let object: serde_json::Map<String, serde_json::Value> =
             serde_json::from_slice(bytes).map_err(|e| reason(e.to_string()))?;

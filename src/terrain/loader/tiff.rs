@@ -9,8 +9,13 @@ use tiff::{
     tags::Tag,
 };
 
-use super::{Decoded, HeightFieldLoadError, error::check_plausible, png::widen, raw};
-use crate::terrain::height_field::HeightSamples;
+use super::{
+    Decoded, HeightFieldLoadError,
+    error::{MOST_BYTES_A_BYTE, check_plausible},
+    png::widen,
+    raw,
+};
+use crate::{one_line::one_line, terrain::height_field::HeightSamples};
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, HeightFieldLoadError> {
     // Classic and BigTIFF, of either byte order.
@@ -21,6 +26,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, HeightFieldLoadError> {
     {
         return Err(HeightFieldLoadError::NotThisFormat { format: "TIFF" });
     }
+    check_directory(bytes)?;
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let size = UVec2::from(decoder.dimensions().map_err(failed)?);
     let bits = match decoder.colortype().map_err(failed)? {
@@ -36,13 +42,13 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, HeightFieldLoadError> {
     let bytes_a_sample = u64::from(bits).div_ceil(8).max(1);
     check_plausible("TIFF", size, bytes_a_sample, bytes)?;
 
-    // The default limits stop at 256 MiB; a 16384² field of floats is 1 GiB. What the header
-    // claims has just been held against the file's length.
+    // The default limits stop at 256 MiB, where a 16384² field of floats is 1 GiB, and let a file
+    // of a hundred bytes have a tile of 64. Both the image and a strip or tile of it, which may
+    // reach out of the image, are held against the file's length.
     let total = u64::from(size.x) * u64::from(size.y) * bytes_a_sample;
     let mut limits = Limits::default();
-    let total = usize::try_from(total).unwrap_or(usize::MAX);
-    limits.decoding_buffer_size = limits.decoding_buffer_size.max(total);
-    limits.intermediate_buffer_size = limits.intermediate_buffer_size.max(total);
+    limits.decoding_buffer_size = usize::try_from(total).unwrap_or(usize::MAX);
+    limits.intermediate_buffer_size = bytes.len().saturating_mul(MOST_BYTES_A_BYTE as usize);
     limits.ifd_value_size = limits.ifd_value_size.max(bytes.len());
     let mut decoder = decoder.with_limits(limits);
 
@@ -102,6 +108,50 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, HeightFieldLoadError> {
     })
 }
 
+/// Refuses a first directory with an entry that is longer than the file: the decoder makes room for
+/// what an entry claims before it looks whether that is there, and before it can be told its limits.
+/// What else may be wrong with a directory the decoder says.
+fn check_directory(bytes: &[u8]) -> Result<(), HeightFieldLoadError> {
+    let is_big = bytes.get(2..4).is_some_and(|word| word.contains(&43));
+    let number = |at: usize, size: usize| -> Option<u64> {
+        let bytes_of = bytes.get(at..at.checked_add(size)?)?.iter();
+        let push = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
+        Some(if bytes.starts_with(b"MM") {
+            bytes_of.fold(0, push)
+        } else {
+            bytes_of.rev().fold(0, push)
+        })
+    };
+    // Where its offset is, the sizes of offsets and counts, of the number of entries, of an entry.
+    let (first, wide, entries, entry) = if is_big { (8, 8, 8, 20) } else { (4, 4, 2, 12) };
+    let at = number(first, wide).and_then(|at| usize::try_from(at).ok());
+    let Some((at, count)) = at.and_then(|at| Some((at, number(at, entries)?))) else {
+        return Ok(());
+    };
+    let count = usize::try_from(count).unwrap_or(usize::MAX);
+    let starts =
+        (0..count).map_while(|i| i.checked_mul(entry)?.checked_add(at)?.checked_add(entries));
+    for start in starts {
+        let (Some(kind), Some(values)) = (number(start + 2, 2), number(start + 4, wide)) else {
+            return Ok(());
+        };
+        let size = match kind {
+            3 | 8 => 2,
+            4 | 9 | 11 | 13 => 4,
+            5 | 10 | 12 | 16..=18 => 8,
+            _ => 1,
+        };
+        let length = values.saturating_mul(size);
+        if length > bytes.len() as u64 {
+            return Err(HeightFieldLoadError::Damaged {
+                format: "TIFF",
+                reason: format!("an entry of {length} bytes in a file of {}", bytes.len()),
+            });
+        }
+    }
+    Ok(())
+}
+
 /// The value that stands for missing data, in the tag that GDAL writes. A tag that holds no number
 /// marks nothing.
 fn no_data(decoder: &mut Decoder<Cursor<&[u8]>>) -> Option<f64> {
@@ -130,14 +180,14 @@ fn failed(error: TiffError) -> HeightFieldLoadError {
         // Not damage: a sound file of a kind that is not read.
         TiffError::UnsupportedError(error) => HeightFieldLoadError::SampleFormat {
             format: "TIFF",
-            found: format!("something unusual ({error})"),
+            found: format!("something unusual ({})", one_line(&error.to_string())),
         },
         TiffError::FormatError(TiffFormatError::InvalidDimensions(width, height)) => {
             crate::terrain::HeightFieldError::TooSmall { width, height }.into()
         }
         error => HeightFieldLoadError::Damaged {
             format: "TIFF",
-            reason: error.to_string(),
+            reason: one_line(&error.to_string()),
         },
     }
 }
