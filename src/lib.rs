@@ -51,6 +51,9 @@
 //! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
 //! maps (P5b). Docs cite them by these numbers. This version has all of them.
 
+// The renderer's own types are nested more deeply than 128.
+#![recursion_limit = "256"]
+
 pub mod budget;
 pub mod contribution;
 pub mod culling;

@@ -74,6 +74,9 @@ mod interior_field;
 #[cfg(feature = "cli")]
 #[path = "it/interior_gltf.rs"]
 mod interior_gltf;
+#[cfg(feature = "cli")]
+#[path = "it/life_stage.rs"]
+mod life_stage;
 #[path = "it/loader.rs"]
 mod loader;
 #[path = "it/occludee_meshes.rs"]
@@ -118,6 +121,9 @@ mod registry;
 #[path = "it/resolution.rs"]
 mod resolution;
 #[cfg(feature = "cli")]
+#[path = "it/robust_device.rs"]
+mod robust_device;
+#[cfg(feature = "cli")]
 #[path = "it/robust_found.rs"]
 mod robust_found;
 #[path = "it/robust_fuzz_heights.rs"]
@@ -130,6 +136,15 @@ mod robust_fuzz_settings;
 #[cfg(feature = "cli")]
 #[path = "it/robust_fuzz_words.rs"]
 mod robust_fuzz_words;
+#[cfg(feature = "cli")]
+#[path = "it/robust_life.rs"]
+mod robust_life;
+#[cfg(feature = "cli")]
+#[path = "it/robust_settings.rs"]
+mod robust_settings;
+#[cfg(feature = "cli")]
+#[path = "it/robust_soak.rs"]
+mod robust_soak;
 #[path = "it/spherical.rs"]
 mod spherical;
 #[cfg(feature = "cli")]

@@ -17,7 +17,7 @@ use std::{
 use crate::allocations::largest;
 
 /// Cases of all kinds together, where nothing else is asked for.
-const CASES: u64 = 24_000;
+const CASES: u64 = 60_000;
 
 /// Shares of the kinds. What takes longer gets less. units: 1/1000
 const SHARES: [(&str, u64); 17] = [

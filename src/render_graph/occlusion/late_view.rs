@@ -318,6 +318,13 @@ pub fn prepare_late_views(
     });
 }
 
+/// What is kept of late views is of the device there was: with a new one all begin anew.
+pub fn forget_late_views(mut commands: Commands, mut late_views: ResMut<LateViews>) {
+    for (_, late) in late_views.0.drain() {
+        commands.entity(late.entity).despawn();
+    }
+}
+
 /// Gives the late view the camera's pipeline key.
 fn follow<K: Copy + PartialEq>(
     keys: &mut HashMap<RetainedViewEntity, K>,

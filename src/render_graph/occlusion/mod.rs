@@ -38,7 +38,9 @@ use bevy::{
 use super::terrain::terrain_shade;
 use buffers::{GpuOccludees, OcclusionViews};
 use extract::{ExtractedOcclusion, extract_occlusion};
-use late_view::{LateViews, UnpackLateBins, keep_late_phases, prepare_late_views};
+use late_view::{
+    LateViews, UnpackLateBins, forget_late_views, keep_late_phases, prepare_late_views,
+};
 use passes::{
     WithPrepass, WithoutPrepass, build_late_main, build_late_prepass, late_opaque,
     late_view_deferred, late_view_prepass, recheck,
@@ -100,7 +102,10 @@ pub(crate) fn add_occlusion_passes(app: &mut App) {
         .init_resource::<LateViews>()
         .add_systems(
             RenderStartup,
-            init_occlusion_pipelines.after(MeshPipelineSystems),
+            (
+                init_occlusion_pipelines.after(MeshPipelineSystems),
+                forget_late_views,
+            ),
         )
         .add_systems(ExtractSchedule, extract_occlusion)
         .add_systems(

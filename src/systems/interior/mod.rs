@@ -93,6 +93,7 @@ pub(crate) fn register(app: &mut App) {
         .add_systems(
             PostUpdate,
             (
+                follow_device,
                 watch::follow_roots,
                 watch::watch_parts,
                 apply::restore_parts,
@@ -123,7 +124,10 @@ pub(crate) fn register(app: &mut App) {
 
 /// The render world's side, once it is there.
 pub(crate) fn finish(app: &mut App) {
-    let gpu = app_gpu(app.world());
+    let world = app.world();
+    let device = world.get_resource::<RenderDevice>();
+    let gpu = device.zip(world.get_resource::<RenderQueue>());
+    let gpu = gpu.map(|(device, queue)| app_gpu(device, queue));
     let Some(mut models) = app.world_mut().get_resource_mut::<InteriorModels>() else {
         return;
     };
@@ -134,12 +138,21 @@ pub(crate) fn finish(app: &mut App) {
     }
 }
 
+/// Takes the device that came for one that was lost.
+fn follow_device(
+    device: Option<Res<RenderDevice>>,
+    queue: Option<Res<RenderQueue>>,
+    mut models: ResMut<InteriorModels>,
+) {
+    if let (Some(device), Some(queue)) = (device, queue)
+        && device.is_changed()
+    {
+        models.gpu = Some(app_gpu(&device, &queue));
+    }
+}
+
 /// Handles to what the app draws with: they hold nothing of their own.
-fn app_gpu(world: &World) -> Option<InteriorGpu> {
-    let device = world.get_resource::<RenderDevice>()?;
-    let queue: &wgpu::Queue = world.get_resource::<RenderQueue>()?;
-    Some(InteriorGpu::new(
-        device.wgpu_device().clone(),
-        queue.clone(),
-    ))
+fn app_gpu(device: &RenderDevice, queue: &RenderQueue) -> InteriorGpu {
+    let queue: &wgpu::Queue = queue;
+    InteriorGpu::new(device.wgpu_device().clone(), queue.clone())
 }
