@@ -47,14 +47,14 @@ mod contribution;
 mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
-#[path = "it/fuzz.rs"]
-mod fuzz;
 #[cfg(feature = "cli")]
 #[path = "it/effect_scene.rs"]
 mod effect_scene;
 #[cfg(feature = "cli")]
 #[path = "it/effect_toggling.rs"]
 mod effect_toggling;
+#[path = "it/fuzz.rs"]
+mod fuzz;
 #[cfg(feature = "cli")]
 #[path = "it/glb.rs"]
 mod glb;

@@ -467,6 +467,7 @@ pub struct ReportedCamera {
 }
 
 /// Writes contribution culling's entry in [`Effects`] and its diagnostics. Allocates only when the state changes in kind.
+#[expect(clippy::too_many_arguments, reason = "each is a part of what is told")]
 pub fn report_contribution(
     mut effects: ResMut<Effects>,
     stats: Res<ContributionStats>,

@@ -227,10 +227,7 @@ fn held(offline: &Offline) -> (u64, Vec<String>) {
     let Some(effects) = offline.app.world().get_resource::<Effects>() else {
         return (0, Vec::new());
     };
-    let bytes = effects.iter().map(|(_, state)| match state {
-        EffectState::Active(activity) => activity.bytes,
-        _ => 0,
-    });
+    let bytes = effects.iter().map(|(effect, _)| effects.bytes(effect));
     let awake = effects
         .iter()
         .filter(|(_, state)| **state != EffectState::Dormant)
