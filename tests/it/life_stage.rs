@@ -8,7 +8,7 @@ use bevy::{
     },
     prelude::*,
 };
-use bevy_skyline::{interior::FieldBy, offline::Offline, prelude::*};
+use bevy_skyline::{offline::Offline, prelude::*};
 
 pub const SIZE: UVec2 = UVec2::new(64, 48);
 /// Frames that nothing here needs to settle.
@@ -91,14 +91,6 @@ pub fn interior() -> InteriorCulling {
     InteriorCulling {
         grid: Grid::Resolution(40),
         ..default()
-    }
-}
-
-/// The same by the app's GPU.
-pub fn interior_by_gpu() -> InteriorCulling {
-    InteriorCulling {
-        field: FieldBy::Gpu,
-        ..interior()
     }
 }
 
