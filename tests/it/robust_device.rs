@@ -13,7 +13,7 @@ use bevy::{
     render::{
         error_handler::{ErrorType, RenderError, RenderErrorHandler, RenderErrorPolicy},
         renderer::RenderDevice,
-        settings::{RenderCreation, WgpuSettings},
+        settings::RenderCreation,
     },
 };
 use bevy_skyline::offline::scenes::compare::differing_px;
@@ -35,7 +35,7 @@ fn note(error: &RenderError) {
 
 fn recover(error: &RenderError, _: &mut World, _: &mut World) -> RenderErrorPolicy {
     note(error);
-    RenderErrorPolicy::Recover(RenderCreation::Automatic(Box::new(WgpuSettings::default())))
+    RenderErrorPolicy::Recover(RenderCreation::Automatic(Box::default()))
 }
 
 fn device(stage: &Stage) -> wgpu::Device {

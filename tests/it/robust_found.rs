@@ -181,7 +181,8 @@ fn a_model_too_far_away_to_calculate_with_is_refused() {
 #[test]
 fn a_city_that_is_broken_is_refused() {
     let dir = directory();
-    let broken: [(&str, fn(&mut Glb)); 6] = [
+    type Damage = fn(&mut Glb);
+    let broken: [(&str, Damage); 6] = [
         ("among its 0 accessors", |model| {
             model.json["accessors"] = json!([])
         }),

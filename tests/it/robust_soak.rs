@@ -18,6 +18,12 @@ use crate::{
     life_stage::{Stage, culling, front, hills, index, interior, shadow},
 };
 
+/// A way to leak.
+type Leak = fn(&mut Round, i64);
+
+/// What is held at the end of a round, by what it is of, on the heap, and resident; both in bytes.
+type Round = (Held, i64, Option<i64>);
+
 /// Where nothing else is asked for.
 const FRAMES: u32 = 640;
 /// After so many frames everything has come and gone, and is as it was.
@@ -79,13 +85,13 @@ fn frame(stage: &mut Stage, number: u32) {
         camera.insert(place);
     }
     // A machine of ever the same time, now and then of another.
-    let last_ms = Some(if number % 50 == 0 {
+    let last_ms = Some(if number.is_multiple_of(50) {
         40.0
     } else {
         12.0 + 5.0 * lot.unit() as f32
     });
     stage.world().insert_resource(GivenFrameTimes { last_ms });
-    if number % 4 == 0 {
+    if number.is_multiple_of(4) {
         let at = Vec3::new(
             40.0 * lot.unit() as f32 + 12.0,
             5.0,
@@ -98,7 +104,7 @@ fn frame(stage: &mut Stage, number: u32) {
     {
         stage.world().despawn(gone);
     }
-    if number % 9 == 0 {
+    if number.is_multiple_of(9) {
         let field = stage.field.clone();
         let mut fields = stage.world().resource_mut::<Assets<HeightField>>();
         let mut field = fields.get_mut(&field).expect("a field");
@@ -215,7 +221,7 @@ fn soak(frames: u32) {
     spawn_camera(&mut stage);
     let rounds = frames.div_ceil(ROUND).max(3);
     let start = std::time::Instant::now();
-    let mut all: Vec<(Held, i64, Option<i64>)> = Vec::new();
+    let mut all: Vec<Round> = Vec::new();
     for number in 0..rounds {
         let mut now = round(&mut stage);
         // Work in the background may take a little longer each time; it is waited for, as its results are held.
@@ -246,7 +252,7 @@ fn soak(frames: u32) {
 }
 
 /// The first round makes pipelines and takes memory; from then on nothing grows.
-fn check(rounds: &[(Held, i64, Option<i64>)]) {
+fn check(rounds: &[Round]) {
     let quarter = (rounds.len() / 4).max(1);
     let (early, late) = (
         &rounds[quarter..2 * quarter + 1],
@@ -259,7 +265,7 @@ fn check(rounds: &[(Held, i64, Option<i64>)]) {
         assert!(held.render_entities <= most, "the render world grows");
     }
     for (effect, _) in &early[0].0.bytes {
-        let of = |rounds: &[(Held, i64, Option<i64>)]| -> Option<u64> {
+        let of = |rounds: &[Round]| -> Option<u64> {
             let all = rounds.iter().flat_map(|(held, ..)| &held.bytes);
             all.filter(|(name, _)| name == effect)
                 .map(|(_, bytes)| *bytes)
@@ -269,15 +275,12 @@ fn check(rounds: &[(Held, i64, Option<i64>)]) {
         let most = before + EFFECT_SLACK;
         assert!(after <= most, "{effect} holds {before} bytes, then {after}");
     }
-    let most = |of: &[(Held, i64, Option<i64>)],
-                which: fn(&(Held, i64, Option<i64>)) -> Option<i64>| {
-        of.iter().filter_map(which).max()
-    };
+    let most = |of: &[Round], which: fn(&Round) -> Option<i64>| of.iter().filter_map(which).max();
     for (name, slack, which) in [
         (
             "heap",
             HEAP_SLACK,
-            (|round| Some(round.1)) as fn(&(Held, i64, Option<i64>)) -> _,
+            (|round| Some(round.1)) as fn(&Round) -> _,
         ),
         ("resident memory", RSS_SLACK, |round| round.2),
     ] {
@@ -334,7 +337,7 @@ fn what_grows_is_noticed() {
         render_entities: 20,
         bytes: vec![("Terrain".into(), 1000)],
     };
-    let rounds = |grow: fn(&mut (Held, i64, Option<i64>), i64)| {
+    let rounds = |grow: Leak| {
         let mut rounds = vec![(base.clone(), 50_000_000, Some(90_000_000)); 40];
         for (number, round) in rounds.iter_mut().enumerate() {
             grow(round, number as i64);
@@ -342,7 +345,8 @@ fn what_grows_is_noticed() {
         rounds
     };
     check(&rounds(|round, number| round.1 += number % 7 * 1000));
-    let leaks: [fn(&mut (Held, i64, Option<i64>), i64); 5] = [
+
+    let leaks: [Leak; 5] = [
         |round, number| round.0.counts.entities += number as usize,
         |round, number| round.0.render_entities += number as u32,
         |round, number| round.0.bytes[0].1 += 500 * number as u64,
