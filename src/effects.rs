@@ -130,7 +130,8 @@ impl Effects {
     }
 }
 
-/// Run condition: an entity has the component that asks for an effect, or had it until now, or the effect is not dormant yet.
+/// Run condition: an entity has the component that asks for an effect, or had it until now, or the effect is not dormant yet
+/// or still holds something.
 ///
 /// What it guards does nothing in a scene that doesn't call for it, and is run once more when the last component is gone.
 #[expect(
@@ -142,7 +143,9 @@ pub(crate) fn is_called_for<C: Component>(
 ) -> impl FnMut(Query<(), With<C>>, RemovedComponents<C>, Option<Res<Effects>>) -> bool + Clone {
     move |asking, mut removed, effects| {
         let was_removed = removed.read().count() > 0;
-        let is_awake = effects.is_none_or(|effects| *effects.state(effect) != EffectState::Dormant);
+        let is_awake = effects.is_none_or(|effects| {
+            *effects.state(effect) != EffectState::Dormant || effects.bytes(effect) > 0
+        });
         !asking.is_empty() || was_removed || is_awake
     }
 }
