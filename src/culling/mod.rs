@@ -10,9 +10,9 @@
 //! | [`query`] | the same as a system parameter |
 //!
 //! Each frame, in [`CullSystems`]: the table follows the scene, then
-//! [`ContributionCulling`](crate::contribution::ContributionCulling) takes out what covers too little, then
+//! [`ContributionCulling`] takes out what covers too little, then
 //! [`SphericalIndex`](crate::spherical::SphericalIndex) the parts of meshes that the camera cannot see, then
-//! [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) what is hidden. All keep the order of `VisibleEntities`.
+//! [`ZBufferOcclusion`] what is hidden. All keep the order of `VisibleEntities`.
 
 pub mod bits;
 pub mod candidates;

@@ -6,7 +6,11 @@
 
 use std::process::Command;
 
-use bevy::prelude::*;
+use bevy::{
+    pbr::BinUnpackingBindGroups,
+    prelude::*,
+    render::{Render, RenderApp, RenderSystems, view::ExtractedView},
+};
 use bevy_skyline::{
     budget::{BudgetClock, GivenFrameTimes},
     prelude::*,
@@ -212,10 +216,31 @@ fn round(stage: &mut Stage) -> Held {
     held(stage)
 }
 
+/// Bevy 0.19.1 keeps the bind groups that unpack bins, and the buffers in them, of every view that there ever was: 18 kB for a
+/// round, which has two cameras and a sun of its own. What is looked at here is what else is kept.
+fn forget_views_that_are_gone(
+    mut groups: ResMut<BinUnpackingBindGroups>,
+    views: Query<&ExtractedView>,
+) {
+    groups.retain(|key, _| {
+        views
+            .iter()
+            .any(|view| view.retained_view_entity == key.view)
+    });
+}
+
 fn soak(frames: u32) {
     let Some(mut stage) = Stage::new() else {
         return;
     };
+    if let Some(render) = stage.offline.app.get_sub_app_mut(RenderApp) {
+        render.add_systems(
+            Render,
+            forget_views_that_are_gone
+                .run_if(resource_exists::<BinUnpackingBindGroups>)
+                .in_set(RenderSystems::Cleanup),
+        );
+    }
     let camera = stage.camera;
     stage.world().despawn(camera);
     spawn_camera(&mut stage);

@@ -8,6 +8,8 @@ use super::super::report::{escaped, short};
 const SIZE: [f64; 2] = [640.0, 380.0];
 /// Room for labels: left, above, right, below. units: px
 const ROOM: [f64; 4] = [64.0, 14.0, 14.0, 46.0];
+/// What a number below the drawing takes. units: px
+const LABEL: f64 = 50.0;
 /// Errors of zero stand apart, so wide. units: px
 const ZERO: f64 = 44.0;
 /// Colours that the colour-blind can tell apart (Okabe and Ito 2008).
@@ -134,8 +136,13 @@ impl Chart {
             );
         }
         let has_more = self.dots.iter().any(|dot| dot.error > 0.0);
+        let mut free = f64::NEG_INFINITY;
         for tick in x.ticks().into_iter().filter(|_| has_more) {
             let at = x.at(tick);
+            if at < free {
+                continue;
+            }
+            free = at + LABEL;
             let _ = write!(
                 svg,
                 "<path class=\"grid\" d=\"M{at:.1} {above}V{base}\"/><text x=\"{at:.1}\" y=\"{}\" class=\"mid\">{}</text>",
