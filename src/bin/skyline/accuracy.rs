@@ -91,13 +91,7 @@ pub(crate) fn run(args: &AccuracyArgs) -> Result<(), CliError> {
         AccuracyEffect::Terrain => false,
         AccuracyEffect::Shadow => true,
     };
-    let of_occlusion = !args.model.is_empty()
-        || args.city.is_some()
-        || !args.scenes.is_empty()
-        || args.path_frames.is_some()
-        || args.rounds.is_some()
-        || args.few_settings;
-    if of_occlusion {
+    if is_of_scenes(args) {
         return Err(CliError::Usage(
             "--model, --city, --scenes, --path-frames, --rounds and --few-settings are for what is measured in a city: terrain and shadow take a --heightmap"
                 .into(),
@@ -266,13 +260,7 @@ fn run_spherical(args: &AccuracyArgs) -> Result<(), CliError> {
 fn run_plain(args: &AccuracyArgs) -> Result<(), CliError> {
     let is_growth = matches!(args.effect, AccuracyEffect::Growth);
     refuse_field(args, "growth and idle make their own scenes")?;
-    let of_scenes = !args.model.is_empty()
-        || args.city.is_some()
-        || !args.scenes.is_empty()
-        || args.path_frames.is_some()
-        || args.rounds.is_some()
-        || args.few_settings;
-    if of_scenes {
+    if is_of_scenes(args) {
         return Err(CliError::Usage(
             "growth and idle make their own scenes: they take --quick and --out".into(),
         ));
@@ -345,6 +333,16 @@ fn ground(args: &AccuracyArgs) -> Result<Option<(Ground, Vec<HeightFieldNote>)>,
     let stem = path.file_stem().unwrap_or(path.as_os_str());
     let name = stem.to_string_lossy().into_owned();
     Ok(Some((Ground { field, name }, notes)))
+}
+
+/// Whether any flag says in which scene, or how, culling is measured.
+fn is_of_scenes(args: &AccuracyArgs) -> bool {
+    !args.model.is_empty()
+        || args.city.is_some()
+        || !args.scenes.is_empty()
+        || args.path_frames.is_some()
+        || args.rounds.is_some()
+        || args.few_settings
 }
 
 /// What has no height field takes none.

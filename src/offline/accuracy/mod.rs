@@ -2,6 +2,7 @@
 //! show them. `skyline accuracy`.
 
 pub mod all;
+mod boxes;
 pub mod budget;
 pub mod contribution;
 mod difference;
@@ -20,7 +21,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-pub use report::{Found, Picture, Report, ReportError, Table};
+pub use report::{Found, Picture, Report, ReportError, Table, utc_now};
 
 use super::{OfflineError, plot::PlotError, render::RenderError};
 

@@ -316,8 +316,8 @@ pub(super) fn short(value: f64) -> String {
     }
 }
 
-/// Date and time of day, by this machine's clock.
-pub(super) fn utc_now() -> String {
+/// Date and time of day, by this machine's clock: `2026-01-31 12:00 UTC`.
+pub fn utc_now() -> String {
     let seconds = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |past| past.as_secs());

@@ -1,7 +1,7 @@
 //! Areas of contribution culling against dense samples of what the box covers, and against the `f64` twin.
 
 use core::{cell::OnceCell, f32::consts::FRAC_PI_2};
-use std::{collections::BTreeMap, rc::Rc};
+use std::rc::Rc;
 
 use bevy::{
     math::{Affine3A, DMat4, DVec2, DVec3, DVec4},
@@ -12,8 +12,8 @@ use bevy_skyline::{
 };
 use proptest::{prelude::*, test_runner::TestRunner};
 
-use super::{Claim, Found, Measured, Table, all_hold, document::number};
-use crate::contribution::{Gpu, Hard, View, boxed, hard};
+use super::{Claim, Found, Measured, Table, all_hold, by_name, document::number};
+use crate::contribution::{Gpu, View, boxed, hard};
 
 const ABOUT: &str = "\
 The area that a box is taken to cover, against what it does cover: points of its edges, and rays through 160×160 places about it or in all \
@@ -200,16 +200,7 @@ fn measured(gpu: &Shared, view: &View) -> Found {
 }
 
 fn named(table: &mut Table, gpu: &Shared) {
-    let mut by_name: BTreeMap<&'static str, Vec<Hard>> = BTreeMap::new();
-    let mut order = Vec::new();
-    for case in hard() {
-        if !by_name.contains_key(case.name) {
-            order.push(case.name);
-        }
-        by_name.entry(case.name).or_default().push(case);
-    }
-    for name in order {
-        let cases = by_name.remove(name).unwrap_or_default();
+    for (name, cases) in by_name(hard(), |case| case.name) {
         let gpu = Rc::clone(gpu);
         table.case(COVERED, name, move |_| {
             let mut worst = Measured {

@@ -3,6 +3,8 @@
 
 use std::{collections::HashSet, fmt::Write, path::PathBuf};
 
+use bevy_skyline::offline::accuracy::utc_now;
+
 use super::{Claim, Found, Machine, Measured, Table, Trouble, found, tables};
 
 /// Set: the document is written anew, with everything measured. Unset: it is held against the tables.
@@ -181,24 +183,10 @@ fn difference(page: &str, made: &str) -> Option<String> {
     })
 }
 
-/// Date, by this machine's clock (Hinnant, "chrono-compatible low-level date algorithms", 2013).
+/// Date, by this machine's clock.
 fn today() -> String {
-    let seconds = std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .map_or(0, |past| past.as_secs());
-    let shifted = seconds / 86_400 + 719_468;
-    let (era, of_era) = (shifted / 146_097, shifted % 146_097);
-    let year = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
-    let of_year = of_era - (365 * year + year / 4 - year / 100);
-    let from_march = (5 * of_year + 2) / 153;
-    let day = of_year - (153 * from_march + 2) / 5 + 1;
-    let month = if from_march < 10 {
-        from_march + 3
-    } else {
-        from_march - 9
-    };
-    let year = era * 400 + year + u64::from(month <= 2);
-    format!("{year:04}-{month:02}-{day:02}")
+    let now = utc_now();
+    now.split(' ').next().unwrap_or(&now).to_owned()
 }
 
 #[test]

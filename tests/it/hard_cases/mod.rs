@@ -227,6 +227,22 @@ fn all_hold(table: &Table) {
     );
 }
 
+/// Those of one name together, in the order of their first appearance.
+pub fn by_name<T>(
+    cases: impl IntoIterator<Item = T>,
+    name: impl Fn(&T) -> &'static str,
+) -> Vec<(&'static str, Vec<T>)> {
+    let mut named: Vec<(&'static str, Vec<T>)> = Vec::new();
+    for case in cases {
+        let name = name(&case);
+        match named.iter_mut().find(|(of, _)| *of == name) {
+            Some((_, cases)) => cases.push(case),
+            None => named.push((name, vec![case])),
+        }
+    }
+    named
+}
+
 /// All effects, in the order of the design.
 pub fn tables() -> Vec<Table> {
     vec![

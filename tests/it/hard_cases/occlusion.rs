@@ -1,7 +1,7 @@
 //! Verdicts of occlusion culling, on the CPU and by the shipped WGSL, against the `f64` twin; and cameras that jump.
 
 use core::{cell::OnceCell, f32::consts::FRAC_PI_2};
-use std::{collections::BTreeMap, rc::Rc};
+use std::rc::Rc;
 
 use bevy::{
     math::{Affine3A, Mat3A},
@@ -18,12 +18,12 @@ use bevy_skyline::{
 };
 use proptest::{prelude::*, test_runner::TestRunner};
 
-use super::{Claim, Found, Measured, Table, all_hold, no_device};
+use super::{Claim, Found, Measured, Table, all_hold, by_name, no_device};
 use crate::{
     occlusion_app::{Scene, always, eye},
     occlusion_cases::{
-        Case, HardCase, Random, boxed, filled, flat_lens, hard_cases, lens, local_box, over_pixels,
-        placed, random_view, reduced,
+        Case, Random, boxed, filled, flat_lens, hard_cases, lens, local_box, over_pixels, placed,
+        random_view, reduced,
     },
     occlusion_twin::{Gpu, case_judgement, case_verdict},
 };
@@ -78,16 +78,7 @@ fn compared(gpu: &Shared, depth: &ReducedDepth, case: &Case, expected: Option<Ve
 
 /// The named cases there are, those of one name together.
 fn named(table: &mut Table, gpu: &Shared) {
-    let mut by_name: BTreeMap<&'static str, Vec<HardCase>> = BTreeMap::new();
-    let mut order = Vec::new();
-    for case in hard_cases() {
-        if !by_name.contains_key(case.name) {
-            order.push(case.name);
-        }
-        by_name.entry(case.name).or_default().push(case);
-    }
-    for name in order {
-        let cases = by_name.remove(name).unwrap_or_default();
+    for (name, cases) in by_name(hard_cases(), |case| case.name) {
         let gpu = Rc::clone(gpu);
         table.case(VERDICT, name, move |_| {
             let mut note = String::new();

@@ -11,12 +11,9 @@ use crate::{
     occlusion::ZBufferOcclusion,
     offline::{
         Offline,
-        accuracy::{AccuracyError, Timing},
+        accuracy::{AccuracyError, Timing, boxes::boxes},
     },
 };
-
-/// From one box to the next. units: m
-const PITCH_M: f32 = 2.0;
 
 /// Culling what is hidden, all of it in view.
 pub(super) fn occlusion(
@@ -101,7 +98,7 @@ fn measure<B: Bundle>(
     for &count in counts {
         progress.set_message(format!("{name} of {count} objects"));
         let mut offline = Offline::new()?;
-        boxes(&mut offline, count, camera());
+        boxes(&mut offline, count, 0.0, camera());
         let mut times = Vec::new();
         let warm = 4;
         for frame in 0..warm + plan.rounds() {
@@ -117,43 +114,4 @@ fn measure<B: Bundle>(
     }
     curves.push(curve);
     Ok(())
-}
-
-/// So many boxes on a plane, seen from straight above by one camera.
-fn boxes(offline: &mut Offline, count: usize, camera: impl Bundle) {
-    let target = offline.target(UVec2::new(64, 64));
-    let side = (count as f32).sqrt().ceil().max(1.0);
-    let half = 0.5 * side * PITCH_M;
-    let lens = OrthographicProjection {
-        scaling_mode: bevy::camera::ScalingMode::Fixed {
-            width: 2.0 * half,
-            height: 2.0 * half,
-        },
-        ..OrthographicProjection::default_3d()
-    };
-    offline.camera(
-        &target,
-        (
-            Projection::Orthographic(lens),
-            Transform::from_xyz(0.0, 10.0, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
-            Msaa::Off,
-            camera,
-        ),
-    );
-    let world = offline.app.world_mut();
-    let mesh = world
-        .resource_mut::<Assets<Mesh>>()
-        .add(Cuboid::from_length(0.5 * PITCH_M));
-    let material = world
-        .resource_mut::<Assets<StandardMaterial>>()
-        .add(StandardMaterial::default());
-    world.spawn_batch((0..count).map(move |index| {
-        let (column, row) = (index % side as usize, index / side as usize);
-        let at = (Vec2::new(column as f32, row as f32) + 0.5) * PITCH_M - half;
-        (
-            Mesh3d(mesh.clone()),
-            MeshMaterial3d(material.clone()),
-            Transform::from_xyz(at.x, 0.0, at.y),
-        )
-    }));
 }

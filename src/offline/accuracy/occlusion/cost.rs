@@ -5,15 +5,12 @@ use std::time::Instant;
 use bevy::{camera::visibility::VisibilitySystems, diagnostic::DiagnosticsStore, prelude::*};
 use serde::Serialize;
 
-use super::Timing;
+use super::{super::boxes::boxes, Timing};
 use crate::{
     occlusion::ZBufferOcclusion,
     offline::{Offline, OfflineError},
     systems::occlusion::CPU_MS,
 };
-
-/// From one box to the next. units: m
-const PITCH_M: f32 = 2.0;
 
 /// Main-world time of one frame's culling.
 #[derive(Serialize, Clone, Debug)]
@@ -76,47 +73,12 @@ pub fn measure_cost(
             ),
         );
     })?;
-    let target = offline.target(UVec2::new(64, 64));
-    let side = (candidates as f32).sqrt().ceil().max(1.0);
-    let half = 0.5 * side * PITCH_M;
-    // Straight down on them; to have half out of view, to the side by half of what is seen.
-    let aside = if half_out_of_view { half } else { 0.0 };
-    let eye = Vec3::new(aside, 10.0, 0.0);
-    let lens = OrthographicProjection {
-        scaling_mode: bevy::camera::ScalingMode::Fixed {
-            width: 2.0 * half,
-            height: 2.0 * half,
-        },
-        ..OrthographicProjection::default_3d()
+    let aside = if half_out_of_view { 0.5 } else { 0.0 };
+    let culling = ZBufferOcclusion {
+        rests: false,
+        ..default()
     };
-    offline.camera(
-        &target,
-        (
-            Projection::Orthographic(lens),
-            Transform::from_translation(eye).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
-            Msaa::Off,
-            ZBufferOcclusion {
-                rests: false,
-                ..default()
-            },
-        ),
-    );
-    let world = offline.app.world_mut();
-    let mesh = world
-        .resource_mut::<Assets<Mesh>>()
-        .add(Cuboid::from_length(0.5 * PITCH_M));
-    let material = world
-        .resource_mut::<Assets<StandardMaterial>>()
-        .add(StandardMaterial::default());
-    world.spawn_batch((0..candidates).map(move |index| {
-        let (column, row) = (index % side as usize, index / side as usize);
-        let at = (Vec2::new(column as f32, row as f32) + 0.5) * PITCH_M - half;
-        (
-            Mesh3d(mesh.clone()),
-            MeshMaterial3d(material.clone()),
-            Transform::from_xyz(at.x, 0.0, at.y),
-        )
-    }));
+    boxes(&mut offline, candidates, aside, culling);
     let (warm, timed) = if quick { (3, 5) } else { (6, 21) };
     let (mut bevys, mut ours) = (Vec::new(), Vec::new());
     for frame in 0..warm + timed {
