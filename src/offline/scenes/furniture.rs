@@ -23,8 +23,8 @@ const VEHICLES: f32 = 0.2;
 const ROOFS: f32 = 0.22;
 const PARKS: f32 = 0.1;
 
-/// A kind of thing: its mesh and its colour.
-type Kind = (Mesh, Color);
+/// A kind of thing: its mesh, in metres and standing on height 0, and its colour.
+pub type Kind = (Mesh, Color);
 
 /// Adds so many things to a city whose first objects are its buildings, and the views `middle` and `over`.
 pub(super) fn add(mut scene: Scene, ground: &Ground, buildings: usize, count: usize) -> Scene {
@@ -133,7 +133,8 @@ fn roof_places(scene: &Scene, buildings: usize, count: usize) -> Vec<Transform> 
         .collect()
 }
 
-fn park_kinds() -> Vec<Kind> {
+/// Trees of parks, with leaves.
+pub fn park_kinds() -> Vec<Kind> {
     let paints = [
         Color::linear_rgb(0.08, 0.22, 0.05),
         Color::linear_rgb(0.13, 0.26, 0.04),
@@ -148,7 +149,8 @@ fn park_kinds() -> Vec<Kind> {
         .collect()
 }
 
-fn pavement_kinds() -> Vec<Kind> {
+/// What stands on pavements: small trees, lamps, bins, benches, stalls.
+pub fn pavement_kinds() -> Vec<Kind> {
     let dark = Color::linear_rgb(0.06, 0.08, 0.07);
     let steel = Color::linear_rgb(0.3, 0.31, 0.33);
     let wood = Color::linear_rgb(0.3, 0.18, 0.09);
@@ -168,7 +170,8 @@ fn pavement_kinds() -> Vec<Kind> {
     ]
 }
 
-fn vehicle_kinds() -> Vec<Kind> {
+/// What drives, ahead being +X.
+pub fn vehicle_kinds() -> Vec<Kind> {
     [
         (0.5, 0.05, 0.04),
         (0.7, 0.55, 0.05),
@@ -181,7 +184,8 @@ fn vehicle_kinds() -> Vec<Kind> {
     .collect()
 }
 
-fn roof_kinds() -> Vec<Kind> {
+/// What stands on roofs.
+pub fn roof_kinds() -> Vec<Kind> {
     vec![
         (air_unit(), Color::linear_rgb(0.5, 0.52, 0.53)),
         (tank(), Color::linear_rgb(0.25, 0.16, 0.1)),

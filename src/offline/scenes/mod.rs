@@ -12,7 +12,7 @@ pub mod bunnies;
 pub mod city;
 mod city_file;
 pub mod compare;
-mod furniture;
+pub mod furniture;
 pub mod ids;
 pub mod obj;
 pub mod paths;
