@@ -82,7 +82,7 @@ pub struct Options {
     /// Buildings of the city, if there is room for them.
     #[arg(long, value_name = "N", default_value_t = 10_200)]
     buildings: usize,
-    /// What a frame may take, in ms [default: 16.7 in a window; else three quarters of what it takes without a budget].
+    /// What a frame may take, in ms [default: 16.7 in a window; else what three frames in four do not exceed without a budget].
     #[arg(long, value_name = "T")]
     target_ms: Option<f32>,
 }

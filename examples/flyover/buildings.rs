@@ -345,9 +345,9 @@ pub fn facade(style: Style) -> [Image; 2] {
                 LinearRgba::gray(0.92)
             };
             colours.extend(bytes(colour));
-            let share = if style == Style::Punched { 0.36 } else { 0.46 };
+            let share = if style == Style::Punched { 0.22 } else { 0.30 };
             let lit = window && draw(1) < share;
-            let warm = LinearRgba::rgb(1.0, 0.60, 0.24).mix(
+            let warm = LinearRgba::rgb(1.0, 0.52, 0.17).mix(
                 &LinearRgba::rgb(0.90, 0.92, 1.0),
                 if style == Style::Punched {
                     0.1

@@ -4,6 +4,7 @@ use core::f32::consts::FRAC_PI_2;
 
 use bevy::{
     camera::visibility::NoFrustumCulling,
+    core_pipeline::prepass::DepthPrepass,
     light::{
         AmbientLight, CascadeShadowConfigBuilder, NotShadowCaster, NotShadowReceiver, SunDisk,
     },
@@ -77,7 +78,7 @@ const HOURS: [Hour; 6] = [
         zenith: [0.010, 0.020, 0.070],
         horizon: [0.085, 0.080, 0.125],
         glow: [0.25, 0.08, 0.04],
-        windows: 1.0,
+        windows: 0.8,
     },
     Hour {
         elevation_deg: -0.5,
@@ -88,7 +89,7 @@ const HOURS: [Hour; 6] = [
         zenith: [0.035, 0.075, 0.24],
         horizon: [0.42, 0.27, 0.24],
         glow: [1.1, 0.36, 0.10],
-        windows: 0.75,
+        windows: 0.5,
     },
     Hour {
         elevation_deg: 4.0,
@@ -99,7 +100,7 @@ const HOURS: [Hour; 6] = [
         zenith: [0.065, 0.14, 0.42],
         horizon: [0.78, 0.52, 0.38],
         glow: [1.3, 0.58, 0.19],
-        windows: 0.25,
+        windows: 0.14,
     },
     Hour {
         elevation_deg: 11.0,
@@ -110,7 +111,7 @@ const HOURS: [Hour; 6] = [
         zenith: [0.085, 0.20, 0.58],
         horizon: [0.84, 0.72, 0.60],
         glow: [0.9, 0.52, 0.22],
-        windows: 0.03,
+        windows: 0.0,
     },
     Hour {
         elevation_deg: 24.0,
@@ -198,10 +199,10 @@ pub fn spawn(world: &mut World, field: &HeightField, sun: Sun) {
             ..default()
         },
         CascadeShadowConfigBuilder {
-            num_cascades: 3,
+            num_cascades: 2,
             minimum_distance: 2.0,
-            first_cascade_far_bound: 260.0,
-            maximum_distance: 4_200.0,
+            first_cascade_far_bound: 420.0,
+            maximum_distance: 2_800.0,
             ..default()
         }
         .build(),
@@ -227,6 +228,8 @@ pub fn lens() -> impl Bundle {
             ..default()
         }),
         Msaa::Off,
+        // A street has five walls behind each other: only the first is to be lit.
+        DepthPrepass,
         AmbientLight::default(),
         DistanceFog::default(),
         ColorGrading::with_identical_sections(

@@ -54,7 +54,6 @@ pub fn image(size: UVec2, texels: Texels, mut level: Vec<u8>, repeats: bool) -> 
         mag_filter: ImageFilterMode::Linear,
         min_filter: ImageFilterMode::Linear,
         mipmap_filter: ImageFilterMode::Linear,
-        anisotropy_clamp: if repeats { 8 } else { 1 },
         ..default()
     });
     image
