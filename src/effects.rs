@@ -11,7 +11,7 @@ use bevy::{platform::collections::HashMap, prelude::*};
 ///     info!("{}", effects.terrain());
 /// }
 /// ```
-#[derive(Resource, Reflect, Clone, Debug, Default)]
+#[derive(Resource, Reflect, Clone, Debug)]
 #[reflect(Resource, Default, Clone, Debug)]
 pub struct Effects {
     states: HashMap<Effect, EffectState>,
@@ -19,7 +19,7 @@ pub struct Effects {
     held: HashMap<Effect, u64>,
 }
 
-/// The effects of the suite that this version has.
+/// The effects of the suite that this version has, whatever of them is built.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[reflect(Clone, Debug, PartialEq, Hash)]
 pub enum Effect {
@@ -37,6 +37,55 @@ pub enum Effect {
     SphericalIndex,
     /// The frame budget that moves the others' knobs (P4 and beyond).
     FrameBudget,
+}
+
+impl Effect {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::Terrain,
+        Self::TerrainShadow,
+        Self::ZBufferOcclusion,
+        Self::ContributionCulling,
+        Self::InteriorCulling,
+        Self::SphericalIndex,
+        Self::FrameBudget,
+    ];
+
+    /// The feature of this crate that the effect comes with, and whether the crate was built with it.
+    const fn feature(self) -> (&'static str, bool) {
+        match self {
+            Self::Terrain | Self::TerrainShadow => ("terrain", cfg!(feature = "terrain")),
+            Self::ZBufferOcclusion | Self::ContributionCulling => {
+                ("culling", cfg!(feature = "culling"))
+            }
+            Self::InteriorCulling => ("interior", cfg!(feature = "interior")),
+            Self::SphericalIndex => ("spherical", cfg!(feature = "spherical")),
+            Self::FrameBudget => ("budget", cfg!(feature = "budget")),
+        }
+    }
+
+    /// Whether the crate was built with it.
+    pub const fn is_built(self) -> bool {
+        self.feature().1
+    }
+}
+
+/// What is not built is unsupported, and what is built is dormant until it reports.
+impl Default for Effects {
+    fn default() -> Self {
+        let missing = Effect::ALL.into_iter().filter(|effect| !effect.is_built());
+        let states = missing.map(|effect| {
+            let why = format!(
+                "not built: enable bevy_skyline's feature `{}`",
+                effect.feature().0
+            );
+            (effect, EffectState::Unsupported(why))
+        });
+        Self {
+            states: states.collect(),
+            held: HashMap::default(),
+        }
+    }
 }
 
 /// What an effect is doing.
@@ -70,7 +119,8 @@ pub struct Activity {
 }
 
 impl Effects {
-    /// State of an effect; dormant if its plugin was not added.
+    /// State of an effect: dormant if its plugin was not added; unsupported, with the feature of this crate that it lacks,
+    /// if it [is not built](Effect::is_built).
     pub fn state(&self, effect: Effect) -> &EffectState {
         self.states.get(&effect).unwrap_or(&EffectState::Dormant)
     }
@@ -116,7 +166,7 @@ impl Effects {
         self.state(Effect::FrameBudget)
     }
 
-    /// Every effect that has reported.
+    /// Every effect that has reported, and every one that is not built.
     pub fn iter(&self) -> impl Iterator<Item = (Effect, &EffectState)> {
         self.states.iter().map(|(effect, state)| (*effect, state))
     }

@@ -22,7 +22,7 @@ use super::{
     trim::{FIRST_SCATTER, Found, Trim},
     workload::{DemandProfile, Workload},
 };
-use crate::contribution::rank::NEVER_GOES;
+use crate::culling::NEVER_GOES;
 
 /// A time above this is no frame's: the app was stopped. units: ms
 pub const LONGEST_MS: f32 = 10_000.0;

@@ -13,13 +13,13 @@
 //! | [`controller`] | the choice of each frame; plain data, no app |
 //! | [`ladder`] | which other knob moves, and when |
 //! | [`knobs`], [`built_in`] | the registry, and the knobs of this suite |
-//! | [`policy`] | what it is compared with: a fixed number of polygons, a fixed view distance |
+//! | [`policy`] | what it is compared with: a fixed number of polygons, a fixed view distance (with the feature `culling`) |
 //!
 //! # A frame
 //! | When | What |
 //! |---|---|
 //! | `First` | [`BudgetSystems::Begin`]: the clock starts, times of past frames are taken in; [`BudgetSystems::ApplyKnobs`]: knobs that moved are applied |
-//! | `PostUpdate`, [`ContributionSteps::Choose`](crate::contribution::ContributionSteps) | areas are summed up, the demand of this frame is chosen, other knobs are moved for the next |
+//! | `PostUpdate`, [`BudgetSystems::Choose`]; with the feature `culling` that is in [`ContributionSteps::Choose`](crate::contribution::ContributionSteps) | areas are summed up, the demand of this frame is chosen, other knobs are moved for the next |
 //! | `PostUpdate`, after [`CullSystems`] | what is drawn in the end is noted, to be learned from |
 //! | `Last` | the clock stops; [`Effects`](crate::effects::Effects) and diagnostics are written |
 //!
@@ -32,25 +32,27 @@ pub mod knobs;
 pub mod ladder;
 pub mod measure;
 pub mod model;
+#[cfg(feature = "culling")]
 pub mod policy;
 pub mod trim;
 pub mod workload;
 
 use bevy::{
+    camera::visibility::VisibilitySystems,
     diagnostic::{Diagnostic, RegisterDiagnostic},
     ecs::{lifecycle::HookContext, world::DeferredWorld},
     prelude::*,
 };
 
 pub use knobs::{AppKnobs, Knob, KnobCost, KnobError, KnobOn, KnobStep, Knobs};
+#[cfg(feature = "culling")]
 pub use policy::WorkloadPolicy;
 
 use crate::{
-    contribution::{ContributionCamera, ContributionSteps},
     culling::CullSystems,
     effects::{Effect, is_called_for},
     plugin::ReportSystems,
-    systems::{budget as systems, workload_policy::follow_policy},
+    systems::budget as systems,
 };
 use controller::Controller;
 use measure::{FrameTimes, RenderClock};
@@ -89,9 +91,7 @@ impl FrameBudget {
 
 /// Nothing is demanded of the camera any more.
 fn give_back(mut world: DeferredWorld, context: HookContext) {
-    if let Some(mut camera) = world.get_mut::<ContributionCamera>(context.entity) {
-        camera.demanded_px2 = 0.0;
-    }
+    systems::give_back(&mut world, context.entity);
     // The camera may be on its way out.
     if let Ok(mut camera) = world.commands().get_entity(context.entity) {
         camera.try_remove::<BudgetState>();
@@ -217,6 +217,8 @@ pub enum BudgetSystems {
     Begin,
     /// In `First`, after that: values of knobs are put into components.
     ApplyKnobs,
+    /// In `PostUpdate`, once it is known what is in view: what is demanded of this frame is chosen.
+    Choose,
 }
 
 /// Whether a camera asks for a budget, or one just stopped to and is to get its settings back.
@@ -228,7 +230,6 @@ pub(crate) fn is_awake(budget: Res<Budget>) -> bool {
 pub(crate) fn register(app: &mut App) {
     app.register_type::<FrameBudget>()
         .register_type::<BudgetState>()
-        .register_type::<WorkloadPolicy>()
         .init_resource::<GivenFrameTimes>()
         .init_resource::<Knobs>()
         .init_resource::<RenderClock>()
@@ -246,19 +247,19 @@ pub(crate) fn register(app: &mut App) {
                 // An interval is this frame's.
                 .after(bevy::time::TimeSystems),
         )
-        .add_systems(
+        .configure_sets(
             PostUpdate,
-            (
-                systems::choose.run_if(is_awake),
-                follow_policy.run_if(policy::is_followed),
-            )
-                .chain()
-                .in_set(ContributionSteps::Choose),
+            BudgetSystems::Choose.after(VisibilitySystems::CheckVisibility),
         )
         .add_systems(
             PostUpdate,
-            // All that is removed has been.
-            systems::note_drawn.run_if(is_awake).after(CullSystems),
+            (
+                systems::choose
+                    .run_if(is_awake)
+                    .in_set(BudgetSystems::Choose),
+                // All that is removed has been.
+                systems::note_drawn.run_if(is_awake).after(CullSystems),
+            ),
         )
         .add_systems(
             Last,
@@ -271,6 +272,9 @@ pub(crate) fn register(app: &mut App) {
             // The frame's work is done when the others have reported, too.
             systems::end.run_if(is_awake).after(ReportSystems),
         );
+    systems::order(app);
+    #[cfg(feature = "culling")]
+    policy::register(app);
     if let Err(problem) = built_in::register(app) {
         error!("the frame budget lacks knobs: {problem}");
     }

@@ -10,7 +10,12 @@
 
 use bevy::{math::Affine3A, prelude::*};
 
-use crate::{contribution::ContributionCulling, culling::volume::LocalBox};
+use super::BudgetSystems;
+use crate::{
+    contribution::{ContributionCulling, ContributionSteps},
+    culling::volume::LocalBox,
+    systems::workload_policy::follow_policy,
+};
 
 /// On a camera: bounds what it draws by something other than time. For comparison; a
 /// [`FrameBudget`](super::FrameBudget) on the same camera overrides it.
@@ -37,8 +42,20 @@ fn removes_nothing() -> ContributionCulling {
     }
 }
 
+/// Registers type and system.
+pub(crate) fn register(app: &mut App) {
+    app.register_type::<WorkloadPolicy>().add_systems(
+        PostUpdate,
+        follow_policy
+            .run_if(is_followed)
+            .in_set(ContributionSteps::Choose)
+            // A budget overrides it.
+            .after(BudgetSystems::Choose),
+    );
+}
+
 /// Whether a camera follows a policy.
-pub(crate) fn is_followed(cameras: Query<(), With<WorkloadPolicy>>) -> bool {
+fn is_followed(cameras: Query<(), With<WorkloadPolicy>>) -> bool {
     !cameras.is_empty()
 }
 

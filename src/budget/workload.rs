@@ -1,5 +1,9 @@
 //! What a frame has to do, as numbers; and how much of it any demand on contribution culling leaves.
 
+use core::any::TypeId;
+
+use bevy::{camera::visibility::VisibleEntities, prelude::*};
+
 /// What a frame draws: what its time is predicted from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Workload {
@@ -17,6 +21,14 @@ pub struct Workload {
 pub const TERMS: usize = 5;
 
 impl Workload {
+    /// As many objects as a camera has meshes in view, of which nothing else is known.
+    pub(crate) fn objects(visible: &VisibleEntities) -> Self {
+        Self {
+            objects: visible.get(TypeId::of::<Mesh3d>()).len() as f64,
+            ..default()
+        }
+    }
+
     /// The terms of the cost model.
     pub fn terms(&self) -> [f64; TERMS] {
         [1.0, self.objects, self.triangles, self.pixels, self.rays]

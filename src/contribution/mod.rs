@@ -40,11 +40,11 @@ use bevy::{diagnostic::RegisterDiagnostic, prelude::*};
 use rank::Standard;
 
 use crate::{
-    culling::{self, CullSteps, CulledEntities, bits::Bits},
+    culling::{CullSteps, CulledEntities, bits::Bits},
     effects::{Effect, is_called_for},
     occlusion::camera::Mailbox,
     systems::{
-        contribution as systems,
+        candidates, contribution as systems,
         contribution_fade::{fade_small, take_ranges_back},
     },
 };
@@ -165,7 +165,7 @@ pub struct ContributionCamera {
 
 /// Registers types and main-world systems.
 pub(crate) fn register(app: &mut App) {
-    culling::register(app);
+    candidates::register(app);
     app.register_type::<ContributionCulling>()
         .register_type::<NoContributionCulling>()
         .register_type::<ContributionCounts>()

@@ -11,9 +11,7 @@
 /// So many triangles weigh as much as being an object does.
 const AN_OBJECT: f32 = 64.0;
 
-/// Share of the picture from which on nothing goes by a demand, however much it costs and however little of it shows: a
-/// quarter of each side.
-pub const NEVER_GOES: f32 = 1.0 / 16.0;
+pub use crate::culling::NEVER_GOES;
 
 fn weight(triangles: u32) -> f32 {
     (1.0 + triangles as f32 / AN_OBJECT).sqrt()

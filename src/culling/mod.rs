@@ -1,25 +1,33 @@
-//! What the cullings of this suite share: the table of what can be removed, and what a game sees of the removal.
+//! What takes meshes out of cameras' view, in which order, and what a game sees of it; and what the two cullings that
+//! compare with the picture share: the table of what can be removed.
 //!
-//! | Where | What |
-//! |---|---|
-//! | [`candidates`] | one slot for each entity that can be removed, kept up by change |
-//! | [`volume`] | the box that encloses it |
-//! | [`clip`] | that box in clip space, and how far rounding may put it off |
-//! | [`groups`] | boxes around what hangs together by `ChildOf` |
-//! | [`culled`] | which entities a camera removed, and why |
-//! | [`query`] | the same as a system parameter |
+//! | Where | What | Built |
+//! |---|---|---|
+//! | [`culled`] | which entities a camera removed, and why | always |
+//! | [`query`] | the same as a system parameter | always |
+//! | [`part`] | what an entity is to one effect, for the others to know | always |
+//! | [`candidates`] | one slot for each entity that can be removed, kept up by change | with `culling` |
+//! | [`volume`] | the box that encloses it | with `culling` |
+//! | [`clip`] | that box in clip space, and how far rounding may put it off | with `culling` |
+//! | [`groups`] | boxes around what hangs together by `ChildOf` | with `culling` |
 //!
 //! Each frame, in [`CullSystems`]: the table follows the scene, then
-//! [`ContributionCulling`] takes out what covers too little, then
+//! [`ContributionCulling`](crate::contribution::ContributionCulling) takes out what covers too little, then
 //! [`SphericalIndex`](crate::spherical::SphericalIndex) the parts of meshes that the camera cannot see, then
-//! [`ZBufferOcclusion`] what is hidden. All keep the order of `VisibleEntities`.
+//! [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) what is hidden. All keep the order of `VisibleEntities`.
 
+#[cfg(feature = "culling")]
 pub mod bits;
+#[cfg(feature = "culling")]
 pub mod candidates;
+#[cfg(feature = "culling")]
 pub mod clip;
 pub mod culled;
+#[cfg(feature = "culling")]
 pub mod groups;
+pub mod part;
 pub mod query;
+#[cfg(feature = "culling")]
 pub mod volume;
 
 use bevy::{camera::visibility::VisibilitySystems, prelude::*};
@@ -27,27 +35,14 @@ use bevy::{camera::visibility::VisibilitySystems, prelude::*};
 pub use culled::{CullReason, CulledEntities};
 pub use query::Culling;
 
-use crate::{
-    contribution::ContributionCulling,
-    occlusion::{
-        ZBufferOcclusion,
-        meshes::{OccludeeMeshes, build_mesh_volumes},
-    },
-    systems::candidates::update_candidates,
-};
+/// Share of the picture from which on nothing is left out because a [`FrameBudget`](crate::budget::FrameBudget) demands
+/// it, however much it costs and however little of it shows: a quarter of each side.
+pub const NEVER_GOES: f32 = 1.0 / 16.0;
 
 /// What takes entities out of cameras' visible entities; in `PostUpdate`, after Bevy's `CheckVisibility`. Whatever
 /// reads `VisibleEntities` or [`CulledEntities`] runs after it.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CullSystems;
-
-/// What asks for the table of candidates.
-type Asking = Or<(With<ZBufferOcclusion>, With<ContributionCulling>)>;
-
-/// Whether a camera asks for it, or it is still there.
-fn are_wanted(asking: Query<(), Asking>, table: Res<candidates::Candidates>) -> bool {
-    !asking.is_empty() || table.is_kept
-}
 
 /// The steps of [`CullSystems`], in their order.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -62,35 +57,22 @@ pub enum CullSteps {
     Occlusion,
 }
 
-/// Registers what the cullings share, once.
+/// Registers what is always built, however often it is called.
 pub(crate) fn register(app: &mut App) {
-    if app.world().contains_resource::<candidates::Candidates>() {
-        return;
-    }
-    app.register_type::<CulledEntities>()
-        .init_resource::<candidates::Candidates>()
-        .init_resource::<OccludeeMeshes>()
-        .configure_sets(
-            PostUpdate,
-            (
-                CullSteps::Candidates,
-                CullSteps::Contribution,
-                CullSteps::Selection,
-                CullSteps::Occlusion,
-            )
-                .chain()
-                .in_set(CullSystems)
-                // An edited mesh is not tested with its old volumes.
-                .after(bevy::asset::AssetEventSystems)
-                // Places, bounds and what is in view are this frame's.
-                .after(VisibilitySystems::CheckVisibility)
-                .after(VisibilitySystems::MarkNewlyHiddenEntitiesInvisible),
+    app.register_type::<CulledEntities>().configure_sets(
+        PostUpdate,
+        (
+            CullSteps::Candidates,
+            CullSteps::Contribution,
+            CullSteps::Selection,
+            CullSteps::Occlusion,
         )
-        .add_systems(
-            PostUpdate,
-            (build_mesh_volumes, update_candidates)
-                .chain()
-                .run_if(are_wanted)
-                .in_set(CullSteps::Candidates),
-        );
+            .chain()
+            .in_set(CullSystems)
+            // An edited mesh is not tested with its old volumes.
+            .after(bevy::asset::AssetEventSystems)
+            // Places, bounds and what is in view are this frame's.
+            .after(VisibilitySystems::CheckVisibility)
+            .after(VisibilitySystems::MarkNewlyHiddenEntitiesInvisible),
+    );
 }

@@ -8,8 +8,10 @@ use bevy::{
     prelude::*,
 };
 
-use super::culled::{CullReason, CulledEntities};
-use crate::systems::{interior::models::PartOf, spherical::spawn::ChunkOf};
+use super::{
+    culled::{CullReason, CulledEntities},
+    part::{ChunkOf, PartOf},
+};
 
 /// Which meshes are seen by which camera, and why the others are not. Ask in systems that run after
 /// [`CullSystems`](super::CullSystems), or anywhere for the answer of the frame before.

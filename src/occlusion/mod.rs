@@ -34,9 +34,9 @@ use bevy::{
 pub use camera::{OcclusionCamera, OcclusionCounts};
 
 use crate::{
-    culling::{self, CullSteps, CulledEntities},
+    culling::{CullSteps, CulledEntities},
     effects::{Effect, is_called_for},
-    systems::occlusion as systems,
+    systems::{candidates, occlusion as systems},
 };
 
 /// On a camera: what its own depth buffer hides is not drawn.
@@ -136,7 +136,7 @@ pub struct NoOcclusionCulling;
 
 /// Registers types, resources and main-world systems.
 pub(crate) fn register(app: &mut App) {
-    culling::register(app);
+    candidates::register(app);
     app.register_type::<ZBufferOcclusion>()
         .register_type::<NoOcclusionCulling>()
         .register_type::<OcclusionCounts>()

@@ -40,8 +40,8 @@ use bevy::{
 
 use crate::{
     plugin::SkylinePlugins,
+    precision::affine64,
     render_graph::{
-        extract::affine64,
         height_mips::GpuHeightFields,
         stats::{TerrainCounts, TerrainStats},
         terrain::Caster,

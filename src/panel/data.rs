@@ -17,17 +17,37 @@ use bevy::{
 
 use super::{
     PanelCamera, SkylinePanel,
+    budget::{BudgetSource, KnobHand},
     counts::{MeshState, ReasonCounts},
     results::{Results, ResultsError},
     stats::FrameTimes,
 };
+#[cfg(feature = "culling")]
+use crate::{contribution::ContributionCounts, occlusion::OcclusionCounts};
 use crate::{
-    budget::{BudgetClock, BudgetState, BudgetStatus, FrameBudget, Knob, Knobs},
-    contribution::ContributionCounts,
     culling::{CullReason, CulledEntities},
     effects::{Effect, EffectState, Effects},
-    occlusion::OcclusionCounts,
 };
+#[cfg(not(feature = "culling"))]
+use not_built::{ContributionCounts, OcclusionCounts};
+
+/// On no camera where the cullings are not built.
+#[cfg(not(feature = "culling"))]
+mod not_built {
+    use bevy::prelude::*;
+
+    #[derive(Component)]
+    pub struct ContributionCounts {
+        pub on_gpu: bool,
+        pub triangles: u64,
+        pub triangles_drawn: u64,
+    }
+
+    #[derive(Component)]
+    pub struct OcclusionCounts {
+        pub rescued: u32,
+    }
+}
 
 /// Time between two looks at everything but frame times.
 pub const REFRESH: Duration = Duration::from_millis(250);
@@ -61,22 +81,24 @@ pub enum TimeOf {
     /// From one frame's start to the next one's.
     #[default]
     Interval,
-    /// What a [`FrameBudget`] measures by this clock.
-    Budget(BudgetClock),
+    /// What a frame budget finds that the app worked on a frame.
+    Work,
+    /// What a frame budget is given.
+    Given,
 }
 
 impl TimeOf {
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
-            Self::Interval | Self::Budget(BudgetClock::Interval) => "from frame to frame",
-            Self::Budget(BudgetClock::Work) => "work, without waiting for the display",
-            Self::Budget(BudgetClock::Given) => "as given to the frame budget",
+            Self::Interval => "from frame to frame",
+            Self::Work => "work, without waiting for the display",
+            Self::Given => "as given to the frame budget",
         }
     }
 }
 
-/// A [`FrameBudget`] and how it stands.
+/// A frame budget and how it stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BudgetRow {
     /// units: ms
@@ -85,8 +107,10 @@ pub struct BudgetRow {
     pub predicted_ms: Option<f32>,
     /// units: px²
     pub demanded_px2: f32,
+    /// Whether the target is met; `None` while that is not known.
+    pub is_met: Option<bool>,
     /// In short.
-    pub status: BudgetStatus,
+    pub words: &'static str,
 }
 
 /// An effect and its state.
@@ -125,7 +149,7 @@ impl EffectRow {
     }
 }
 
-/// A [`Knob`] as it stands.
+/// A knob of the frame budget as it stands.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnobRow {
     /// Its name; what [`PanelRequest::SetManual`] goes by.
@@ -142,20 +166,6 @@ pub struct KnobRow {
     pub manual: Option<usize>,
     /// What the whole way would save, where it is known. units: ms
     pub saves_ms: Option<f32>,
-}
-
-impl KnobRow {
-    fn of(knob: &Knob) -> Self {
-        Self {
-            name: knob.name,
-            unit: knob.unit,
-            values: knob.steps.iter().map(|step| step.value).collect(),
-            at: knob.at,
-            value: knob.value(),
-            manual: knob.manual,
-            saves_ms: knob.saves_ms,
-        }
-    }
 }
 
 /// What a camera shows.
@@ -201,7 +211,7 @@ impl OwnCost {
 /// What a user asks of the panel, by its widgets or by code.
 #[derive(Message, Clone, Debug, PartialEq)]
 pub enum PanelRequest {
-    /// Takes a knob out of the budget's hand, or gives it back with `None`. See [`Knobs::set_manual`].
+    /// Takes a knob out of the budget's hand, or gives it back with `None`. See `Knobs::set_manual` of the frame budget.
     SetManual {
         /// Its name.
         knob: &'static str,
@@ -216,16 +226,12 @@ pub enum PanelRequest {
 pub fn apply_requests(
     mut requests: MessageReader<PanelRequest>,
     mut panel: ResMut<SkylinePanel>,
-    mut knobs: Option<ResMut<Knobs>>,
+    mut knobs: KnobHand,
     mut data: ResMut<PanelData>,
 ) {
     for request in requests.read() {
         match request {
-            PanelRequest::SetManual { knob, step } => {
-                if let Some(knobs) = &mut knobs {
-                    knobs.set_manual(knob, *step);
-                }
-            }
+            PanelRequest::SetManual { knob, step } => knobs.set_manual(knob, *step),
             PanelRequest::Load(path) => {
                 panel.results = Some(path.clone());
                 data.results = None;
@@ -252,8 +258,6 @@ pub fn take_dropped_files(
 #[derive(SystemParam)]
 pub struct Sources<'w, 's> {
     effects: Option<Res<'w, Effects>>,
-    knobs: Option<Res<'w, Knobs>>,
-    budgets: Query<'w, 's, (&'static Camera, &'static FrameBudget, &'static BudgetState)>,
     cameras: Query<'w, 's, CameraParts, (With<Camera3d>, Without<PanelCamera>)>,
     meshes: Query<'w, 's, MeshParts, With<Mesh3d>>,
 }
@@ -282,10 +286,11 @@ pub fn gather(
     panel: Res<SkylinePanel>,
     time: Res<Time<Real>>,
     sources: Sources,
+    budget: BudgetSource,
 ) {
     let began = Instant::now();
     let data = &mut *data;
-    data.take_frame_time(&time, &sources);
+    data.take_frame_time(&time, &budget);
     let now = time.elapsed();
     let is_due = data
         .refreshed
@@ -293,6 +298,8 @@ pub fn gather(
     if is_due {
         data.refreshed = Some(now);
         data.look(&sources);
+        data.knobs.clear();
+        data.knobs.extend(budget.knobs());
         data.load(panel.results.as_ref());
     }
     OwnCost::average(&mut data.own.gather_ms, began);
@@ -300,18 +307,10 @@ pub fn gather(
 
 impl PanelData {
     /// What the strictest budget measures, else the interval: also while a budget has no measurement.
-    fn take_frame_time(&mut self, time: &Time<Real>, sources: &Sources) {
-        let active = sources
-            .budgets
-            .iter()
-            .filter(|(camera, ..)| camera.is_active);
-        let strictest = active.min_by(|(_, a, _), (_, b, _)| a.target_ms.total_cmp(&b.target_ms));
-        let (time_of, ms) = match strictest {
-            Some((_, budget, state)) if state.status != BudgetStatus::NoMeasurement => {
-                (TimeOf::Budget(budget.clock), state.measured_ms)
-            }
-            _ => (TimeOf::Interval, Some(time.delta_secs() * 1e3)),
-        };
+    fn take_frame_time(&mut self, time: &Time<Real>, budget: &BudgetSource) {
+        let (row, measured) = budget.strictest().unzip();
+        let interval = (TimeOf::Interval, Some(time.delta_secs() * 1e3));
+        let (time_of, ms) = measured.flatten().unwrap_or(interval);
         if self.time_of != time_of {
             // Different times have no mean in common.
             self.frames.clear();
@@ -320,25 +319,17 @@ impl PanelData {
         if let Some(ms) = ms {
             self.frames.push(ms);
         }
-        self.budget = strictest.map(|(_, budget, state)| BudgetRow {
-            target_ms: budget.target_ms,
-            predicted_ms: state.predicted_ms,
-            demanded_px2: state.demanded_px2,
-            status: state.status,
-        });
+        self.budget = row;
     }
 
     fn look(&mut self, sources: &Sources) {
         self.effects.clear();
         if let Some(effects) = &sources.effects {
-            self.effects.extend(EFFECTS.map(|effect| EffectRow {
+            let built = EFFECTS.into_iter().filter(|effect| effect.is_built());
+            self.effects.extend(built.map(|effect| EffectRow {
                 effect,
                 state: effects.state(effect).clone(),
             }));
-        }
-        self.knobs.clear();
-        if let Some(knobs) = &sources.knobs {
-            self.knobs.extend(knobs.iter().map(KnobRow::of));
         }
         self.cameras.clear();
         let default_layers = RenderLayers::default();

@@ -6,12 +6,14 @@
 //! - While it is closed, nothing is gathered, drawn or held: one system looks at the key, the others do not run. The
 //!   camera it is drawn by, its `egui` context, its font's texture and [`PanelData`] live from opening to closing.
 //! - While it is open, it shows its own time on the CPU.
+//! - It shows what of the suite is built.
 //! - It changes nothing but by [`PanelRequest`], which it hears while it is open: a knob taken by hand stays so when
 //!   the panel closes.
 //!
 //! | Where | What |
 //! |---|---|
 //! | [`data`] | what is shown, gathered into plain values |
+//! | `budget` | what the frame budget says of itself |
 //! | [`stats`] | the last frames and their statistics |
 //! | [`counts`] | meshes that a camera does not show, by reason |
 //! | [`results`] | a file of `skyline accuracy`, and its Pareto front |
@@ -24,6 +26,8 @@
 //! uses is kept from the rest of the app.
 
 pub mod axis;
+#[cfg_attr(not(feature = "budget"), path = "no_budget.rs")]
+mod budget;
 pub mod counts;
 pub mod data;
 pub mod draw;

@@ -25,7 +25,7 @@ use crate::{
         clip::{CLIP_HUGE, CLIP_TINY},
         volume::LocalBox,
     },
-    terrain::view_rays::UNIT_ROUNDOFF,
+    precision::UNIT_ROUNDOFF,
 };
 
 /// Areas of one box. units: px²

@@ -45,7 +45,7 @@
 use bevy::math::{DVec3, Vec2};
 
 use super::cell::Quadratic;
-use crate::terrain::view_rays::{UNIT_ROUNDOFF, ViewRays};
+use crate::{precision::UNIT_ROUNDOFF, terrain::view_rays::ViewRays};
 
 /// Relative error of a position: the count above, rounded up to a power of two.
 pub const POSITION_ERROR: f64 = 32.0 * UNIT_ROUNDOFF;

@@ -34,7 +34,7 @@ use crate::{
         depth::ReducedDepth,
         verdict::{SNAP_PX, Verdict},
     },
-    terrain::view_rays::UNIT_ROUNDOFF,
+    precision::UNIT_ROUNDOFF,
 };
 
 /// How much a projection is grown.

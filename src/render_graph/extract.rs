@@ -3,7 +3,7 @@
 use bevy::{
     asset::AssetId,
     camera::visibility::RenderLayers,
-    math::{Affine3A, DAffine3, DMat4},
+    math::{DAffine3, DMat4},
     platform::collections::HashMap,
     prelude::*,
     render::{
@@ -14,6 +14,7 @@ use bevy::{
 
 use super::{height_mips::GpuHeightFields, view::MAX_TERRAINS};
 use crate::{
+    precision::affine64,
     terrain::{
         HeightField, HeightSamples, Terrain, TerrainLook, TerrainRayCasting,
         view_rays::{near_plane_bounds, starts_in_air},
@@ -51,11 +52,6 @@ pub struct ExtractedTerrains {
     pub cameras: Vec<ExtractedTerrainCamera>,
     /// Whether every ray of a camera (first) starts in a terrain's (second) air.
     pub in_air: HashMap<(Entity, Entity), bool>,
-}
-
-/// A matrix that is affine up to its last row, in double precision.
-pub fn affine64(affine: Affine3A) -> DAffine3 {
-    DAffine3::from_mat4(Mat4::from(affine).as_dmat4())
 }
 
 /// What is read of a terrain in the main world.

@@ -165,7 +165,7 @@ pub fn pipeline(assets: &AssetServer) -> ComputePipelineDescriptor {
     ComputePipelineDescriptor {
         label: Some("occludee_verdicts".into()),
         layout: vec![layout()],
-        shader: shaders::occludee_verdicts(assets),
+        shader: shaders::culling::occludee_verdicts(assets),
         entry_point: Some("occludee_verdicts".into()),
         ..default()
     }

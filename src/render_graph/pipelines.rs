@@ -23,7 +23,7 @@ use bevy::{
 use super::{
     cascades::{GpuCascadeErosion, GpuCascadeWrite},
     height_mips::{GpuField, GpuMipLevel},
-    shaders::Shaders,
+    shaders::terrain::Shaders,
     subdivide::GpuSubdividePass,
     terrain_shadow::{
         gpu::{GpuShadowLight, GpuSweep},

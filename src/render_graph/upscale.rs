@@ -268,7 +268,7 @@ impl UpscalePipelines {
         let id = match found {
             Some((_, id)) => *id,
             None => {
-                let shader = shaders::upscale(&self.assets);
+                let shader = shaders::upscale::upscale(&self.assets);
                 let id = cache.queue_render_pipeline(RenderPipelineDescriptor {
                     label: Some("upscale".into()),
                     layout: vec![self.layout.clone()],

@@ -1,11 +1,17 @@
 //! Main-world side of the frame budget: measures, chooses, notes what was drawn, reports.
 
-use core::{any::TypeId, fmt::Write};
+#[cfg_attr(feature = "culling", path = "budget/candidates.rs")]
+#[cfg_attr(not(feature = "culling"), path = "budget/objects.rs")]
+mod in_view;
+#[cfg_attr(feature = "terrain", path = "budget/rays.rs")]
+#[cfg_attr(not(feature = "terrain"), path = "budget/no_rays.rs")]
+mod rays;
+
+use core::fmt::Write;
 
 use bevy::{
     camera::visibility::VisibleEntities,
     diagnostic::{DiagnosticPath, Diagnostics, DiagnosticsStore},
-    ecs::query::QueryData,
     platform::time::Instant,
     prelude::*,
     render::pipelined_rendering::RenderAppChannels,
@@ -21,12 +27,11 @@ use crate::{
         measure::{Bound, RenderClock},
         workload::{DemandProfile, Workload},
     },
-    contribution::ContributionCamera,
-    culling::candidates::Candidates,
     effects::{Effect, EffectState, Effects},
-    occlusion::{OcclusionCamera, OcclusionCounts},
-    render_graph::stats::TerrainStats,
 };
+use in_view::{BudgetCamera, Table};
+pub(crate) use in_view::{give_back, order};
+use rays::Rays;
 
 /// The last frame time that was believed. units: ms
 pub const MEASURED_MS: DiagnosticPath = DiagnosticPath::const_new("skyline/budget/measured_ms");
@@ -142,23 +147,12 @@ pub fn end(mut budget: ResMut<Budget>) {
     }
 }
 
-/// A camera with a budget.
-#[derive(QueryData)]
-#[query_data(mutable)]
-pub struct BudgetCamera {
-    camera: &'static Camera,
-    visible: Option<&'static VisibleEntities>,
-    contribution: Option<&'static mut ContributionCamera>,
-    occlusion: Option<(&'static OcclusionCamera, &'static OcclusionCounts)>,
-    state: &'static mut BudgetState,
-}
-
 /// Sums up what is in view, and chooses.
 pub fn choose(
     mut budget: ResMut<Budget>,
     mut knobs: ResMut<Knobs>,
-    table: Option<Res<Candidates>>,
-    terrain: Option<Res<TerrainStats>>,
+    table: Table,
+    rays: Rays,
     mut cameras: Query<BudgetCamera, With<FrameBudget>>,
 ) {
     let frame = budget.frame;
@@ -169,9 +163,7 @@ pub fn choose(
     let Some(asked) = work.asked.as_ref().map(|asked| asked.target_ms) else {
         for mut item in &mut cameras {
             item.state.set_if_neq(BudgetState::default());
-            if let Some(camera) = &mut item.contribution {
-                camera.demanded_px2 = 0.0;
-            }
+            item.demand(0.0);
         }
         return;
     };
@@ -184,34 +176,16 @@ pub fn choose(
     } = work;
     profile.clear();
     areas.clear();
-    areas.resize(table.as_ref().map_or(0, |table| table.slots()), 0.0);
+    areas.resize(table.slots(), 0.0);
     let mut has_contribution = false;
     let mut picture = 0.0;
     for item in cameras.iter().filter(|item| item.camera.is_active) {
         let viewport = viewport_px2(item.camera);
         profile.add_picture(viewport);
         picture += f64::from(viewport);
-        match (item.visible, &item.contribution, &table) {
-            (Some(visible), Some(camera), Some(table)) => {
-                has_contribution = true;
-                add_candidates(
-                    profile,
-                    areas,
-                    table,
-                    visible,
-                    camera,
-                    item.occlusion,
-                    viewport,
-                );
-            }
-            (Some(visible), ..) => profile.add_fixed(Workload {
-                objects: visible.get(TypeId::of::<Mesh3d>()).len() as f64,
-                ..default()
-            }),
-            (None, ..) => {}
-        }
+        has_contribution |= item.add_to(profile, areas, &table, viewport);
     }
-    profile.add_fixed(rays(terrain.as_deref(), picture));
+    profile.add_fixed(rays.of(picture));
     profile.finish();
     knobs.set_present(CONTRIBUTION_AREA, has_contribution);
     let manual = knobs
@@ -249,13 +223,11 @@ pub fn choose(
         } else {
             BudgetState::default()
         });
-        if let Some(camera) = &mut item.contribution {
-            camera.demanded_px2 = if is_active {
-                decision.demanded_px2
-            } else {
-                0.0
-            };
-        }
+        item.demand(if is_active {
+            decision.demanded_px2
+        } else {
+            0.0
+        });
     }
     budget.chosen += 1;
     work.cpu_ms = began.elapsed().as_secs_f32() * 1e3;
@@ -265,51 +237,6 @@ fn viewport_px2(camera: &Camera) -> f32 {
     camera
         .physical_viewport_size()
         .map_or(0.0, |size| size.x as f32 * size.y as f32)
-}
-
-/// Rays that terrain is cast with, if any is.
-fn rays(terrain: Option<&TerrainStats>, picture_px2: f64) -> Workload {
-    let is_cast = terrain.is_some_and(|stats| stats.lock().views_drawn > 0);
-    Workload {
-        rays: if is_cast { picture_px2 } else { 0.0 },
-        ..default()
-    }
-}
-
-/// Adds what a camera has in view, as its contribution culling will compare it, but for what is known to be hidden.
-fn add_candidates(
-    profile: &mut DemandProfile,
-    areas: &mut [f32],
-    table: &Candidates,
-    visible: &VisibleEntities,
-    camera: &ContributionCamera,
-    occlusion: Option<(&OcclusionCamera, &OcclusionCounts)>,
-    viewport: f32,
-) {
-    let hidden = occlusion
-        .filter(|(_, counts)| counts.removed > 0)
-        .map(|(camera, _)| &camera.hidden);
-    let mut others = Workload::default();
-    for (i, entity) in visible.get(TypeId::of::<Mesh3d>()).iter().enumerate() {
-        let area = camera.areas.get(i).copied().unwrap_or(f32::INFINITY);
-        let Some(slot) = table.weighable(*entity) else {
-            others.objects += 1.0;
-            continue;
-        };
-        if let Some(known) = areas.get_mut(slot as usize) {
-            *known = area;
-        }
-        if hidden.is_some_and(|hidden| hidden.contains(slot)) {
-            continue;
-        }
-        let triangles = table.get(slot).map_or(0, |of| of.triangles);
-        let was_gone = camera.removed.contains(slot);
-        // What the camera's own threshold takes is not the budget's to give.
-        if let Some(most) = (camera.standard).stays_up_to_px2(area, triangles, was_gone) {
-            profile.add(most, Workload::object(triangles, area, viewport));
-        }
-    }
-    profile.add_fixed(others);
 }
 
 /// Shows how much is demanded, and what each of the knob's steps would lose now.
@@ -331,8 +258,8 @@ fn show_demand(knobs: &mut Knobs, profile: &DemandProfile, demanded: f32) {
 /// Notes what is drawn in the end, whatever removed the rest.
 pub fn note_drawn(
     mut budget: ResMut<Budget>,
-    table: Option<Res<Candidates>>,
-    terrain: Option<Res<TerrainStats>>,
+    table: Table,
+    rays: Rays,
     cameras: Query<(&Camera, &VisibleEntities), With<FrameBudget>>,
 ) {
     let frame = budget.frame;
@@ -348,19 +275,9 @@ pub fn note_drawn(
     for (camera, visible) in cameras.iter().filter(|(camera, _)| camera.is_active) {
         let viewport = viewport_px2(camera);
         picture += f64::from(viewport);
-        for entity in visible.get(TypeId::of::<Mesh3d>()) {
-            let slot = table.as_ref().and_then(|table| table.weighable(*entity));
-            let Some((slot, table)) = slot.zip(table.as_ref()) else {
-                drawn.objects += 1.0;
-                continue;
-            };
-            let triangles = table.get(slot).map_or(0, |of| of.triangles);
-            let area = work.areas.get(slot as usize).copied().unwrap_or(0.0);
-            drawn = drawn + Workload::object(triangles, area, viewport);
-        }
+        drawn = drawn + table.drawn(visible, &work.areas, viewport);
     }
-    work.controller
-        .drew(frame, drawn + rays(terrain.as_deref(), picture));
+    work.controller.drew(frame, drawn + rays.of(picture));
 }
 
 /// Writes the budget's entry in [`Effects`] and its diagnostics. Allocates only when the state changes in kind.

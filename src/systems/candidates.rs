@@ -14,11 +14,42 @@ use bevy::{
 use crate::{
     contribution::{ContributionCulling, NoContributionCulling},
     culling::{
+        self, CullSteps,
         candidates::{Candidate, Candidates, CullableBy},
         volume::LocalBox,
     },
-    occlusion::{NoOcclusionCulling, OccludeeVolume, ZBufferOcclusion, meshes::OccludeeMeshes},
+    occlusion::{
+        NoOcclusionCulling, OccludeeVolume, ZBufferOcclusion,
+        meshes::{OccludeeMeshes, build_mesh_volumes},
+    },
+    render_graph::shaders,
 };
+
+/// What asks for the table of candidates.
+type Asking = Or<(With<ZBufferOcclusion>, With<ContributionCulling>)>;
+
+/// Whether a camera asks for it, or it is still there.
+fn are_wanted(asking: Query<(), Asking>, table: Res<Candidates>) -> bool {
+    !asking.is_empty() || table.is_kept
+}
+
+/// Registers what the two cullings share, once.
+pub(crate) fn register(app: &mut App) {
+    if app.world().contains_resource::<Candidates>() {
+        return;
+    }
+    culling::register(app);
+    shaders::culling::embed(app);
+    app.init_resource::<Candidates>()
+        .init_resource::<OccludeeMeshes>()
+        .add_systems(
+            PostUpdate,
+            (build_mesh_volumes, update_candidates)
+                .chain()
+                .run_if(are_wanted)
+                .in_set(CullSteps::Candidates),
+        );
+}
 
 /// What [`update_candidates`] looks at.
 #[derive(QueryData)]

@@ -16,8 +16,9 @@ use bevy::{
 };
 
 use super::spans::Spans;
+#[cfg(feature = "budget")]
+use crate::budget::{FrameBudget, WorkloadPolicy};
 use crate::{
-    budget::{FrameBudget, WorkloadPolicy},
     contribution::{
         ContributionCamera, ContributionCounts, ContributionCulling, Exit,
         area::AreaView,
@@ -31,6 +32,16 @@ use crate::{
     occlusion::{OcclusionCamera, ZBufferOcclusion, verdict::DepthTest},
     render_graph::contribution::ContributionStats,
 };
+
+/// On no camera where the frame budget is not built.
+#[cfg(not(feature = "budget"))]
+#[derive(Component)]
+pub struct FrameBudget;
+
+/// As [`FrameBudget`].
+#[cfg(not(feature = "budget"))]
+#[derive(Component)]
+pub struct WorkloadPolicy;
 
 /// Entities removed, over all cameras.
 pub const REMOVED: DiagnosticPath = DiagnosticPath::const_new("skyline/contribution/removed");

@@ -10,6 +10,7 @@ use bevy::math::{
 };
 
 use super::HeightField;
+use crate::precision::UNIT_ROUNDOFF;
 
 /// What [`ViewRays::new`] needs to know of camera and terrain.
 #[derive(Clone, Copy, Debug)]
@@ -75,9 +76,6 @@ pub struct ViewRays {
 
 /// As `T_NEVER` in `types.wgsl`.
 pub const T_NEVER: f32 = 1e18;
-
-/// Half the distance from 1 to the next `f32`.
-pub const UNIT_ROUNDOFF: f64 = 1.0 / (1u64 << 24) as f64;
 
 /// Rays of a projection in view space: `origin(ndc, t)` and `direction(ndc)` for depth t along -Z.
 #[derive(Clone, Copy)]

@@ -17,7 +17,7 @@ use bevy_egui::{
     egui::{self, Event, Modifiers, PointerButton, RawInput},
 };
 use bevy_skyline::{
-    budget::{BudgetStatus, Knobs},
+    budget::Knobs,
     offline::Offline,
     panel::{
         PanelCamera, PanelData, PanelPlugin, PanelRequest, SkylinePanel,
@@ -449,7 +449,8 @@ fn what_is_known_is_written() {
         target_ms: 16.5,
         predicted_ms: Some(15.5),
         demanded_px2: 40.0,
-        status: BudgetStatus::Held,
+        is_met: Some(true),
+        words: "target met by moving knobs",
     });
     // The last of four is over the target.
     for ms in [10.0, 12.0, 14.0, 20.0] {

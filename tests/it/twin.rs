@@ -2,14 +2,12 @@
 
 use bevy::math::{DMat4, DVec2, DVec3, UVec2, Vec2, Vec3Swizzles};
 use bevy_skyline::{
+    precision::UNIT_ROUNDOFF,
     reference::{
         guard::{RayMagnitude, depth_error},
         ray_cast::{Part, Tally, Twin, Verdict},
     },
-    terrain::{
-        HeightField,
-        view_rays::{UNIT_ROUNDOFF, ViewRays},
-    },
+    terrain::{HeightField, view_rays::ViewRays},
 };
 use proptest::prelude::*;
 

@@ -3,13 +3,10 @@
 use bevy_egui::egui::{Align2, Color32, Rect, Shape, Stroke, Ui, pos2, vec2};
 
 use super::{AMBER, BLUE, GREEN, LINE, RED, TEXT, WEAK, figure, heading, remark, row, text, well};
-use crate::{
-    budget::BudgetStatus,
-    panel::{
-        axis::round_up,
-        data::PanelData,
-        stats::{FRAMES, FrameStats},
-    },
+use crate::panel::{
+    axis::round_up,
+    data::PanelData,
+    stats::{FRAMES, FrameStats},
 };
 
 /// units: logical px
@@ -25,12 +22,12 @@ pub(super) fn frames(ui: &mut Ui, data: &PanelData) {
     graph(ui, data, &stats, target_ms);
     figures(ui, &stats);
     if let Some(budget) = data.budget {
-        let (words, colour) = match budget.status {
-            BudgetStatus::NoMeasurement => ("no measurement: knobs stay where they are", AMBER),
-            BudgetStatus::Ample => ("target met with every knob at its best", GREEN),
-            BudgetStatus::Held => ("target met by moving knobs", GREEN),
-            BudgetStatus::Short => ("target not met with every knob at its cheapest", RED),
+        let colour = match budget.is_met {
+            None => AMBER,
+            Some(true) => GREEN,
+            Some(false) => RED,
         };
+        let words = budget.words;
         let predicted = budget
             .predicted_ms
             .map_or_else(String::new, |ms| format!("; predicted {ms:.1} ms"));

@@ -6,7 +6,7 @@ use super::{
     AMBER, BLUE, GREEN, GREY, LINE, RED, TEXT, WEAK, figure, grouped, heading, remark, row, text,
 };
 use crate::{
-    effects::EffectState,
+    effects::{Effect, EffectState},
     panel::{
         axis::number,
         data::{CameraRow, EffectRow, KnobRow, PanelData, PanelRequest},
@@ -66,6 +66,9 @@ fn effect_row(ui: &mut Ui, effect: &EffectRow) {
 }
 
 pub(super) fn knobs(ui: &mut Ui, data: &PanelData, requests: &mut Vec<PanelRequest>) {
+    if !Effect::FrameBudget.is_built() {
+        return;
+    }
     heading(ui, "Knobs", "best · cheapest");
     if data.knobs.is_empty() {
         remark(
@@ -173,7 +176,7 @@ fn with_unit(value: f32, unit: &str) -> String {
     }
 }
 
-/// Where the columns of counts end, from the right. units: logical px
+/// Where the columns of counts end, from the right; the last two are those of the cullings. units: logical px
 const COUNT_COLUMNS: [(&str, f32); 6] = [
     ("drawn", 256.0),
     ("hidden", 206.0),
@@ -183,6 +186,18 @@ const COUNT_COLUMNS: [(&str, f32); 6] = [
     ("occl.", 0.0),
 ];
 
+/// Of these, those that are built, moved to the right.
+fn count_columns() -> impl Iterator<Item = (&'static str, f32)> {
+    let built = if Effect::ContributionCulling.is_built() {
+        6
+    } else {
+        4
+    };
+    let (_, last) = COUNT_COLUMNS[built - 1];
+    let columns = COUNT_COLUMNS.into_iter().take(built);
+    columns.map(move |(name, from_right)| (name, from_right - last))
+}
+
 pub(super) fn counts(ui: &mut Ui, data: &PanelData) {
     heading(ui, "Meshes by camera", "drawn, and why not");
     if data.cameras.is_empty() {
@@ -190,7 +205,7 @@ pub(super) fn counts(ui: &mut Ui, data: &PanelData) {
         return;
     }
     let (rect, _) = row(ui, 14.0);
-    for (name, from_right) in COUNT_COLUMNS {
+    for (name, from_right) in count_columns() {
         let at = pos2(rect.right() - from_right, rect.center().y);
         text(ui, at, Align2::RIGHT_CENTER, name, 11.5, WEAK);
     }
@@ -220,7 +235,7 @@ fn camera_rows(ui: &mut Ui, camera: &CameraRow) {
         (counts.contribution, AMBER),
         (counts.occluded, AMBER),
     ];
-    for ((_, from_right), (count, colour)) in COUNT_COLUMNS.into_iter().zip(figures) {
+    for ((_, from_right), (count, colour)) in count_columns().zip(figures) {
         let colour = if count == 0 { GREY } else { colour };
         figure(ui, rect, from_right, &grouped(count as u64), colour);
     }

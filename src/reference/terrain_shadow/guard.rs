@@ -60,8 +60,8 @@
 use bevy::math::{DVec2, DVec3};
 
 use crate::{
+    precision::UNIT_ROUNDOFF,
     reference::{cell::Quadratic, guard::Steepness},
-    terrain::view_rays::UNIT_ROUNDOFF,
     terrain_shadow::light::{GridLight, LightRay, LightSource, STILL},
 };
 

@@ -22,7 +22,8 @@ use self::guard::ShadowGuard;
 pub use self::tally::{ShadowTally, WrongTexel};
 use super::{cell::Quadratic, guard::Steepness, surface::Surface};
 use crate::{
-    terrain::{HeightSamples, view_rays::UNIT_ROUNDOFF},
+    precision::UNIT_ROUNDOFF,
+    terrain::HeightSamples,
     terrain_shadow::light::{GridLight, LightRay, LightSource, STILL, strip_above},
 };
 

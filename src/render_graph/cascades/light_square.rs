@@ -12,7 +12,7 @@ use super::{
     BORDER, COARSE_TEXELS, EDGE_SLOPE, MAX_REACH,
     gpu::{GpuCascadeErosion, GpuCascadeWrite},
 };
-use crate::{render_graph::extract::ExtractedTerrain, terrain::view_rays::UNIT_ROUNDOFF};
+use crate::{precision::UNIT_ROUNDOFF, render_graph::extract::ExtractedTerrain};
 
 /// A cascade as receivers see it: NDC = scale * light space + offset.
 #[derive(Clone, Copy, Debug)]

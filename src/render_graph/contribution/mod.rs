@@ -154,7 +154,7 @@ pub fn pipeline(assets: &AssetServer) -> ComputePipelineDescriptor {
     ComputePipelineDescriptor {
         label: Some("contribution".into()),
         layout: vec![layout()],
-        shader: shaders::contribution(assets),
+        shader: shaders::culling::contribution(assets),
         entry_point: Some("contribution".into()),
         ..default()
     }

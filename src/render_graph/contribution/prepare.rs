@@ -238,7 +238,7 @@ impl ContributionPipelines {
             cache.queue_compute_pipeline(ComputePipelineDescriptor {
                 label: Some(entry.into()),
                 layout: vec![self.draws.clone()],
-                shader: shaders::late_draws(&self.assets),
+                shader: shaders::culling::late_draws(&self.assets),
                 shader_defs: vec!["WRITE_INDIRECT_PARAMETERS_METADATA".into()],
                 entry_point: Some(entry.into()),
                 ..default()

@@ -35,7 +35,7 @@ use bevy::{
     },
 };
 
-use super::terrain::terrain_shade;
+use super::TerrainShadeSystems;
 use buffers::{GpuOccludees, OcclusionViews};
 use extract::{ExtractedOcclusion, extract_occlusion};
 use late_view::{
@@ -151,7 +151,7 @@ pub(crate) fn add_occlusion_passes(app: &mut App) {
                     // All that is drawn early is in the depth.
                     .after(main_opaque_pass_3d)
                     // Pixels that they cover are not lit as terrain.
-                    .before(terrain_shade)
+                    .before(TerrainShadeSystems)
                     // Transparency blends over them.
                     .before(main_transparent_pass_3d)
                     .in_set(Core3dSystems::MainPass),

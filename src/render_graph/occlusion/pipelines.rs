@@ -131,7 +131,7 @@ impl OcclusionPipelines {
                 cache.queue_compute_pipeline(ComputePipelineDescriptor {
                     label: Some(entry.into()),
                     layout: vec![self.reduce_layout(key.samples).clone()],
-                    shader: shaders::depth_reduce(&self.assets),
+                    shader: shaders::culling::depth_reduce(&self.assets),
                     shader_defs: defs.clone(),
                     entry_point: Some(entry.into()),
                     ..default()
@@ -148,7 +148,7 @@ impl OcclusionPipelines {
                 Some(cache.queue_compute_pipeline(ComputePipelineDescriptor {
                     label: Some("late_draws".into()),
                     layout: vec![self.late_draws.clone()],
-                    shader: shaders::late_draws(&self.assets),
+                    shader: shaders::culling::late_draws(&self.assets),
                     shader_defs: vec!["WRITE_INDIRECT_PARAMETERS_METADATA".into()],
                     entry_point: Some("late_draws".into()),
                     ..default()

@@ -6,7 +6,7 @@ use bevy::{asset::AssetId, light::SunDisk, math::DAffine3, prelude::*, render::E
 
 use super::TerrainShadows;
 use crate::{
-    render_graph::extract::affine64,
+    precision::affine64,
     terrain::{HeightField, Terrain},
     terrain_shadow::{
         ExactLight, MOST_STRIPS, ShadowMethod, ShadowedLights, TerrainShadow, light::GridLight,

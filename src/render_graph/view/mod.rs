@@ -21,14 +21,17 @@ use bevy::{
 };
 
 use super::{
-    extract::{ExtractedTerrains, affine64, clip_from_world},
+    extract::{ExtractedTerrains, clip_from_world},
     height_mips::GpuHeightFields,
     pipelines::{BOX_DEPTH_FORMAT, BOX_ENTRY_FORMAT},
     stats::TerrainStats,
 };
-use crate::terrain::{
-    Traversal,
-    view_rays::{ViewInputs, ViewRays},
+use crate::{
+    precision::affine64,
+    terrain::{
+        Traversal,
+        view_rays::{ViewInputs, ViewRays},
+    },
 };
 
 pub(super) use bind::Unused;

@@ -10,6 +10,8 @@ use bevy::{
     prelude::*,
 };
 
+pub use crate::culling::part::PartOf;
+
 use super::{
     build::Build,
     node::{Kind, Left, Look},
@@ -27,24 +29,6 @@ use crate::{
 const QUIET_FRAMES: u32 = 8;
 /// One that is disturbed again and again has to keep still for longer and longer, up to this.
 const MOST_QUIET_FRAMES: u32 = 256;
-
-/// On every entity of a model: changes of these are what is listened to.
-///
-/// A clone of the entity is none of the model's parts until the model is looked at again.
-#[derive(Component, Clone, Copy, Debug)]
-#[component(clone_behavior = Ignore)]
-pub struct PartOf {
-    pub(super) root: Entity,
-    /// Taken out of view, whatever its `Visibility`.
-    pub(super) is_hidden: bool,
-}
-
-impl PartOf {
-    /// Whether interior culling has hidden the entity.
-    pub fn is_hidden(&self) -> bool {
-        self.is_hidden
-    }
-}
 
 /// The models that ask for interior culling, and what it has found in them. Empty when there is none.
 #[derive(Resource, Default)]

@@ -11,13 +11,10 @@ use bevy::{
     render::render_resource::Face,
 };
 
-use super::models::PartOf;
 use crate::{
+    culling::part::{ChunkOf, PartOf},
     interior::{Faces, InteriorCulling, NoInteriorCulling},
-    systems::{
-        gather::{Unreadable, readable},
-        spherical::spawn::ChunkOf,
-    },
+    systems::gather::{Unreadable, readable},
 };
 
 /// What is looked at of each entity of a model.

@@ -14,7 +14,7 @@ use bevy::{
 use super::models::{Drawn, Indexed, Record, Root, SphericalModels};
 use crate::{
     culling::CulledEntities,
-    render_graph::extract::affine64,
+    precision::affine64,
     spherical::{Eye, Frustum, PaperScratch, Shown, SphericalCounts, SphericalMode, View},
 };
 

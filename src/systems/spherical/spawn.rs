@@ -12,26 +12,22 @@ use bevy::{
     render::batching::NoAutomaticBatching,
 };
 
+pub use crate::culling::part::ChunkOf;
+
 use super::models::{Key, SphericalModels, Step};
-use crate::{
-    contribution::NoContributionCulling, occlusion::NoOcclusionCulling, spherical::SphericalIndex,
-};
+use crate::spherical::SphericalIndex;
+#[cfg(feature = "culling")]
+use crate::{contribution::NoContributionCulling, occlusion::NoOcclusionCulling};
+
+/// What cullings are told of a chunk: its entity's area counts.
+#[cfg(feature = "culling")]
+type Told = NoContributionCulling;
+/// There is none to be told.
+#[cfg(not(feature = "culling"))]
+type Told = ();
 
 /// So many are spawned in a frame.
 const BATCH: usize = 512;
-
-/// On a chunk: the entity that it is a part of.
-#[derive(Component, Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ChunkOf {
-    pub(super) root: Entity,
-}
-
-impl ChunkOf {
-    /// The entity that the user spawned.
-    pub fn entity(&self) -> Entity {
-        self.root
-    }
-}
 
 /// Gives chunks what their entity has of a component, or takes it from them.
 type Paint = fn(&mut World, Entity, &[Entity]);
@@ -64,6 +60,7 @@ pub(crate) fn paint_with_bevys(app: &mut App) {
     paint_with::<NoAutomaticBatching>(app);
     paint_with::<Wireframe>(app);
     paint_with::<NoWireframe>(app);
+    #[cfg(feature = "culling")]
     paint_with::<NoOcclusionCulling>(app);
 }
 
@@ -121,8 +118,7 @@ pub fn spawn_chunks(mut models: ResMut<SphericalModels>, mut commands: Commands)
                 Transform::IDENTITY,
                 // The whole mesh casts them.
                 NotShadowCaster,
-                // Their entity's area counts.
-                NoContributionCulling,
+                Told::default(),
             ));
             root.chunks.push(chunk.id());
             left -= 1;

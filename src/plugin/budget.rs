@@ -1,0 +1,36 @@
+//! The frame budget, and the knob that needs a plugin of its own.
+
+use bevy::prelude::*;
+
+use super::EffectsPlugin;
+use crate::{budget, render_graph, resolution};
+
+/// Resolution scale of the main passes.
+pub struct ResolutionPlugin;
+
+impl Plugin for ResolutionPlugin {
+    fn build(&self, app: &mut App) {
+        render_graph::shaders::upscale::embed(app);
+        resolution::register(app);
+    }
+
+    fn finish(&self, app: &mut App) {
+        render_graph::upscale::add_upscale_pass(app);
+    }
+}
+
+/// The frame budget.
+pub struct BudgetPlugin;
+
+impl Plugin for BudgetPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<EffectsPlugin>() {
+            app.add_plugins(EffectsPlugin);
+        }
+        budget::register(app);
+    }
+
+    fn finish(&self, app: &mut App) {
+        budget::finish(app);
+    }
+}
