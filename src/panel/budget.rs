@@ -2,7 +2,7 @@
 
 use bevy::{ecs::system::SystemParam, prelude::*};
 
-use super::data::{BudgetRow, KnobRow, TimeOf};
+use super::data::{BudgetRow, KnobRow, Measured, TimeOf};
 use crate::budget::{BudgetClock, BudgetState, BudgetStatus, FrameBudget, Knob, Knobs};
 
 /// The budgets and the knobs, to be looked at.
@@ -15,9 +15,6 @@ pub struct BudgetSource<'w, 's> {
 /// The knobs, to be taken by hand.
 #[derive(SystemParam)]
 pub struct KnobHand<'w>(Option<ResMut<'w, Knobs>>);
-
-/// A time, and which it is; no time if the newest frame's is not known yet. units: ms
-type Measured = (TimeOf, Option<f32>);
 
 impl BudgetSource<'_, '_> {
     /// The strictest budget of an active camera, and what it measures, if it measures anything.

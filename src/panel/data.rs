@@ -98,6 +98,9 @@ impl TimeOf {
     }
 }
 
+/// A time, and which it is; no time if the newest frame's is not known yet. units: ms
+pub(super) type Measured = (TimeOf, Option<f32>);
+
 /// A frame budget and how it stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BudgetRow {

@@ -2,7 +2,7 @@
 
 use bevy::ecs::system::SystemParam;
 
-use super::data::{BudgetRow, KnobRow, TimeOf};
+use super::data::{BudgetRow, KnobRow, Measured};
 
 /// No budget, no knob.
 #[derive(SystemParam)]
@@ -14,7 +14,7 @@ pub struct KnobHand;
 
 impl BudgetSource {
     /// None.
-    pub(super) fn strictest(&self) -> Option<(BudgetRow, Option<(TimeOf, Option<f32>)>)> {
+    pub(super) fn strictest(&self) -> Option<(BudgetRow, Option<Measured>)> {
         None
     }
 
