@@ -69,6 +69,8 @@
 //! for uniform rendering workload; P5 Min Hye-jung 2008, global visibility culling (P5a) and terrain shadow
 //! maps (P5b). Docs cite them by these numbers. This version has all of them.
 
+// On docs.rs, every item names the feature that it needs.
+#![cfg_attr(docsrs, feature(doc_cfg))]
 // The renderer's own types are nested more deeply than 128.
 #![recursion_limit = "256"]
 // Each effect uses some of what all share. What none uses is found where all are built.
