@@ -4,6 +4,7 @@
 #
 #   scripts/features.sh          none, each effect alone, all but each, all; the panel where it differs; cli
 #   scripts/features.sh --all    every set of the effects, with the panel and without; cli
+#   scripts/features.sh --run    none and each effect alone: not lints, but a headless app with all that is built
 #
 # One check of Bevy serves all. What would start another is named by hand: features that `window` and `panel`
 # switch on in crates under Bevy. (Those that the effects' own dependencies switch on are dev-dependencies, too:
@@ -34,6 +35,8 @@ without() {
 }
 
 defaults=$(join "${effects[@]}")
+run=no
+if [ "${1:-}" = --run ]; then run=yes; fi
 sets=()
 case "${1:-}" in
 --all)
@@ -52,12 +55,29 @@ case "${1:-}" in
     # The panel asks only the budget and the cullings for anything of their own.
     sets+=(panel budget,panel culling,panel)
     ;;
+--run)
+    for effect in "" "${effects[@]}"; do sets+=("window${effect:+,$effect}"); done
+    ;;
 *)
-    printf 'usage: %s [--all]\n' "$0" >&2
+    printf 'usage: %s [--all | --run]\n' "$0" >&2
     exit 2
     ;;
 esac
-sets+=("$defaults,window" "$defaults,panel,window" cli)
+if [ "${1:-}" != --run ]; then sets+=("$defaults,window" "$defaults,panel,window" cli); fi
+
+# look SET: lints it, or runs it.
+look() {
+    local features="$by_hand${1:+,$1}" targets=(--lib --examples)
+    if [ "$run" = yes ]; then
+        # Examples bring what dev-dependencies switch on.
+        cargo test --locked --lib --examples --no-default-features --features "$features" \
+            plugin:: -- --nocapture
+        return
+    fi
+    # What `cargo test` builds without a word about features: the tests of modules.
+    if [ "$1" = "$defaults" ]; then targets=(--all-targets); fi
+    cargo clippy --locked "${targets[@]}" --no-default-features --features "$features" -- -D warnings
+}
 
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
@@ -65,11 +85,7 @@ failed=0
 for set in "${sets[@]}"; do
     start=$SECONDS
     verdict=ok
-    targets=(--lib --examples)
-    # What `cargo test` builds without a word about features: the tests of modules.
-    if [ "$set" = "$defaults" ]; then targets=(--all-targets); fi
-    cargo clippy --locked "${targets[@]}" --no-default-features \
-        --features "$by_hand${set:+,$set}" -- -D warnings >"$log" 2>&1 || verdict=FAILED
+    look "$set" >"$log" 2>&1 || verdict=FAILED
     if [ "$verdict" = FAILED ]; then
         failed=1
         cat "$log"

@@ -1,4 +1,4 @@
-//! The plugins: what runs, when, and why. Each works alone; [`SkylinePlugins`] is all of them.
+//! The plugins: what runs, when, and why. Each works alone; [`SkylinePlugins`] is all of them that are built.
 //!
 //! | Plugin | Components | Main world | Render world |
 //! |---|---|---|---|
@@ -11,10 +11,10 @@
 //! | [`InteriorPlugin`] | [`InteriorCulling`](crate::interior::InteriorCulling), [`NoInteriorCulling`](crate::interior::NoInteriorCulling) | `follow_roots`, `watch_parts`, `restore_parts`, `advance_models`, `hide_parts` in `PostUpdate`, in [`InteriorSystems`](crate::systems::interior::InteriorSystems), then `keep_hidden` before `CheckVisibility`; `report_interior` in `Last` | `note_uploads`, see [`render_graph`](crate::render_graph) |
 //! | [`SphericalPlugin`] | [`SphericalIndex`](crate::spherical::SphericalIndex) | `follow_material`, `follow_roots`, `advance_indices`, `spawn_chunks` in `PostUpdate`, in [`SphericalSteps`](crate::systems::spherical::SphericalSteps), then `select_chunks` in [`CullSteps::Selection`](crate::culling::CullSteps); `report_spherical` in `Last` | `note_uploads`, see [`render_graph`](crate::render_graph) |
 //! | [`ResolutionPlugin`] | [`ResolutionScale`](crate::resolution::ResolutionScale) | – | see [`render_graph::upscale`](mod@crate::render_graph::upscale) |
-//! | [`BudgetPlugin`] | [`FrameBudget`](crate::budget::FrameBudget), [`WorkloadPolicy`](crate::budget::WorkloadPolicy) | `wake` each frame; where asked for: `begin` and the knobs in `First`, `choose` or `follow_policy` in [`ContributionSteps::Choose`](crate::contribution::ContributionSteps), `note_drawn` after [`CullSystems`](crate::culling::CullSystems), `end` in `Last`; `report_budget` in `Last` | its time, see [`budget::measure`](crate::budget::measure) |
+//! | [`BudgetPlugin`] | [`FrameBudget`](crate::budget::FrameBudget), [`WorkloadPolicy`](crate::budget::WorkloadPolicy) | `wake` each frame; where asked for: `begin` and the knobs in `First`, `choose` in [`BudgetSystems::Choose`](crate::budget::BudgetSystems), `follow_policy` after it (with the feature `culling`), `note_drawn` after [`CullSystems`](crate::culling::CullSystems), `end` in `Last`; `report_budget` in `Last` | its time, see [`budget::measure`](crate::budget::measure) |
 //! | `PanelPlugin` (feature `panel`; not in the group) | – | while the panel is open: `draw_panel` in `PostUpdate`, `gather` in `Last` | `bevy_egui`'s pass |
 //!
-//! A feature whose component is nowhere in the scene costs the question whether it is, and nothing else: its systems are
+//! An effect whose component is nowhere in the scene costs the question whether it is, and nothing else: its systems are
 //! not run, and there is no pipeline, no GPU memory, no pass.
 
 #[cfg(feature = "budget")]
@@ -27,6 +27,8 @@ mod interior;
 mod spherical;
 #[cfg(feature = "terrain")]
 mod terrain;
+#[cfg(test)]
+mod tests;
 
 use bevy::{app::PluginGroupBuilder, prelude::*};
 
@@ -43,18 +45,18 @@ pub use terrain::TerrainPlugin;
 
 use crate::effects::Effects;
 
-/// Every feature of the suite.
+/// Every effect of the suite that is built.
 ///
-/// | Plugin | What it adds |
-/// |---|---|
-/// | [`EffectsPlugin`] | [`Effects`]: which effects the scene calls for, in words |
-/// | [`TerrainPlugin`] | ray-cast terrain and its shadows |
-/// | [`ContributionPlugin`] | what covers too little of the picture is not drawn |
-/// | [`OcclusionPlugin`] | what the depth buffer hides is not drawn |
-/// | [`InteriorPlugin`] | what of a model cannot be seen from outside is not drawn |
-/// | [`SphericalPlugin`] | what of a mesh a camera cannot see it does not draw |
-/// | [`ResolutionPlugin`] | the main passes draw fewer pixels |
-/// | [`BudgetPlugin`] | frame time is held by moving the others' knobs |
+/// | Plugin | What it adds | With the feature |
+/// |---|---|---|
+/// | [`EffectsPlugin`] | [`Effects`]: which effects the scene calls for, in words | – |
+/// | [`TerrainPlugin`] | ray-cast terrain and its shadows | `terrain` |
+/// | [`ContributionPlugin`] | what covers too little of the picture is not drawn | `culling` |
+/// | [`OcclusionPlugin`] | what the depth buffer hides is not drawn | `culling` |
+/// | [`InteriorPlugin`] | what of a model cannot be seen from outside is not drawn | `interior` |
+/// | [`SphericalPlugin`] | what of a mesh a camera cannot see it does not draw | `spherical` |
+/// | [`ResolutionPlugin`] | the main passes draw fewer pixels | `budget` |
+/// | [`BudgetPlugin`] | frame time is held by moving the others' knobs | `budget` |
 pub struct SkylinePlugins;
 
 impl PluginGroup for SkylinePlugins {

@@ -1,80 +1,60 @@
-//! The one integration-test binary. Tests that draw need a Vulkan device, a software one will do, and the
-//! features `cli` and `window` as `scripts/test.sh` sets them.
+//! The one integration-test binary. It needs the features `cli`, `panel` and `window`, as `scripts/test.sh` sets them; tests
+//! that draw need a Vulkan device, a software one will do.
 
-#[cfg(feature = "cli")]
 #[path = "it/accuracy_all.rs"]
 mod accuracy_all;
-#[cfg(feature = "cli")]
 #[path = "it/accuracy_interior.rs"]
 mod accuracy_interior;
-#[cfg(feature = "cli")]
 #[path = "it/accuracy_spherical.rs"]
 mod accuracy_spherical;
 #[path = "it/allocations.rs"]
 mod allocations;
-#[cfg(feature = "cli")]
 #[path = "it/budget_app.rs"]
 mod budget_app;
 #[path = "it/budget_controller.rs"]
 mod budget_controller;
 #[path = "it/budget_model.rs"]
 mod budget_model;
-#[cfg(feature = "cli")]
 #[path = "it/cause.rs"]
 mod cause;
-#[cfg(feature = "cli")]
 #[path = "it/cli.rs"]
 mod cli;
-#[cfg(feature = "cli")]
 #[path = "it/cli_interior.rs"]
 mod cli_interior;
-#[cfg(feature = "cli")]
 #[path = "it/cli_interior_errors.rs"]
 mod cli_interior_errors;
-#[cfg(feature = "cli")]
 #[path = "it/cli_occlusion.rs"]
 mod cli_occlusion;
-#[cfg(feature = "cli")]
 #[path = "it/cli_shadow.rs"]
 mod cli_shadow;
-#[cfg(feature = "cli")]
 #[path = "it/cli_workload.rs"]
 mod cli_workload;
 #[path = "it/contribution.rs"]
 mod contribution;
-#[cfg(feature = "cli")]
 #[path = "it/contribution_app.rs"]
 mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
-#[cfg(feature = "cli")]
 #[path = "it/effect_scene.rs"]
 mod effect_scene;
-#[cfg(feature = "cli")]
 #[path = "it/effect_toggling.rs"]
 mod effect_toggling;
 #[path = "it/fuzz.rs"]
 mod fuzz;
-#[cfg(feature = "cli")]
 #[path = "it/glb.rs"]
 mod glb;
-#[cfg(feature = "cli")]
 #[path = "it/hard_cases/mod.rs"]
 mod hard_cases;
 #[path = "it/height_field.rs"]
 mod height_field;
 #[path = "it/interior.rs"]
 mod interior;
-#[cfg(feature = "cli")]
 #[path = "it/interior_app.rs"]
 mod interior_app;
-#[cfg(feature = "cli")]
 #[path = "it/interior_field.rs"]
 mod interior_field;
-#[cfg(feature = "cli")]
 #[path = "it/interior_gltf.rs"]
 mod interior_gltf;
-#[cfg(feature = "cli")]
 #[path = "it/life_stage.rs"]
 mod life_stage;
 #[path = "it/loader.rs"]
@@ -85,69 +65,50 @@ mod occludee_meshes;
 mod occludee_obb;
 #[path = "it/occludee_proxy.rs"]
 mod occludee_proxy;
-#[cfg(feature = "cli")]
 #[path = "it/occlusion_app.rs"]
 mod occlusion_app;
-#[cfg(feature = "cli")]
 #[path = "it/occlusion_cases.rs"]
 mod occlusion_cases;
-#[cfg(feature = "cli")]
 #[path = "it/occlusion_life.rs"]
 mod occlusion_life;
-#[cfg(feature = "cli")]
 #[path = "it/occlusion_motion.rs"]
 mod occlusion_motion;
-#[cfg(feature = "cli")]
 #[path = "it/occlusion_scenes.rs"]
 mod occlusion_scenes;
-#[cfg(feature = "cli")]
 #[path = "it/occlusion_twin.rs"]
 mod occlusion_twin;
-#[cfg(all(feature = "cli", feature = "panel"))]
 #[path = "it/panel.rs"]
 mod panel;
-#[cfg(all(feature = "cli", feature = "panel", feature = "window"))]
 #[path = "it/panel_window.rs"]
 mod panel_window;
 #[path = "it/query.rs"]
 mod query;
-#[cfg(feature = "cli")]
 #[path = "it/ray_cast.rs"]
 mod ray_cast;
-#[cfg(feature = "cli")]
 #[path = "it/registry.rs"]
 mod registry;
-#[cfg(feature = "cli")]
 #[path = "it/resolution.rs"]
 mod resolution;
-#[cfg(feature = "cli")]
 #[path = "it/robust_device.rs"]
 mod robust_device;
-#[cfg(feature = "cli")]
 #[path = "it/robust_found.rs"]
 mod robust_found;
 #[path = "it/robust_fuzz_heights.rs"]
 mod robust_fuzz_heights;
-#[cfg(feature = "cli")]
 #[path = "it/robust_fuzz_models.rs"]
 mod robust_fuzz_models;
 #[path = "it/robust_fuzz_settings.rs"]
 mod robust_fuzz_settings;
-#[cfg(feature = "cli")]
 #[path = "it/robust_fuzz_words.rs"]
 mod robust_fuzz_words;
-#[cfg(feature = "cli")]
 #[path = "it/robust_life.rs"]
 mod robust_life;
-#[cfg(feature = "cli")]
 #[path = "it/robust_settings.rs"]
 mod robust_settings;
-#[cfg(feature = "cli")]
 #[path = "it/robust_soak.rs"]
 mod robust_soak;
 #[path = "it/spherical.rs"]
 mod spherical;
-#[cfg(feature = "cli")]
 #[path = "it/spherical_app.rs"]
 mod spherical_app;
 #[path = "it/spherical_bunny.rs"]
@@ -158,36 +119,29 @@ mod spherical_check;
 mod spherical_properties;
 #[path = "it/spherical_published.rs"]
 mod spherical_published;
-#[cfg(feature = "cli")]
 #[path = "it/terrain_app.rs"]
 mod terrain_app;
-#[cfg(feature = "cli")]
 #[path = "it/terrain_cascades.rs"]
 mod terrain_cascades;
 #[path = "it/terrain_scenes.rs"]
 mod terrain_scenes;
-#[cfg(feature = "cli")]
 #[path = "it/terrain_shadow.rs"]
 mod terrain_shadow;
-#[cfg(feature = "cli")]
 #[path = "it/terrain_shadow_app.rs"]
 mod terrain_shadow_app;
 #[path = "it/terrain_shadow_twin.rs"]
 mod terrain_shadow_twin;
 #[path = "it/twin.rs"]
 mod twin;
-#[cfg(feature = "cli")]
 #[path = "it/workload.rs"]
 mod workload;
 
 /// A headless app, or `None` with the reason printed where this machine has no device at all.
-#[cfg(feature = "cli")]
 fn device() -> Option<bevy_skyline::offline::Offline> {
     device_with(|_| {})
 }
 
 /// The same, with more in the app.
-#[cfg(feature = "cli")]
 fn device_with(
     configure: impl FnOnce(&mut bevy::app::App),
 ) -> Option<bevy_skyline::offline::Offline> {
