@@ -90,6 +90,7 @@ pub mod budget;
 #[cfg(feature = "culling")]
 pub mod contribution;
 pub mod culling;
+mod device_errors;
 pub mod effects;
 #[cfg(feature = "interior")]
 pub mod interior;

@@ -6,10 +6,7 @@ use bevy::{
     math::{DAffine3, DMat4},
     platform::collections::HashMap,
     prelude::*,
-    render::{
-        Extract,
-        renderer::{RenderDevice, RenderQueue},
-    },
+    render::Extract,
 };
 
 use super::{height_mips::GpuHeightFields, view::MAX_TERRAINS};
@@ -77,8 +74,6 @@ type CameraData = (
 pub fn extract_terrains(
     mut extracted: ResMut<ExtractedTerrains>,
     mut gpu_fields: ResMut<GpuHeightFields>,
-    device: Res<RenderDevice>,
-    queue: Res<RenderQueue>,
     fields: Extract<Res<Assets<HeightField>>>,
     terrains: Extract<Query<TerrainData>>,
     cameras: Extract<Query<CameraData, With<Camera3d>>>,
@@ -96,7 +91,7 @@ pub fn extract_terrains(
         let Some(field) = fields.get(id) else {
             continue;
         };
-        gpu_fields.upload(id, field, &device, &queue);
+        gpu_fields.upload(id, field);
         if !visible.get() {
             continue;
         }

@@ -28,6 +28,7 @@ use super::{
     stats::TerrainStats,
 };
 use crate::{
+    device_errors::checked,
     terrain::{HeightField, HeightFieldChanged, HeightSamples, MinMaxPyramid},
     terrain_shadow::tiles::TILE,
 };
@@ -57,7 +58,8 @@ pub struct GpuField {
 
 /// A height field on the GPU.
 pub struct GpuHeightField {
-    pub uniform: UniformBuffer<GpuField>,
+    /// Holds a [`GpuField`].
+    pub uniform: Buffer,
     pub heights: TextureView,
     pub pyramid: Buffer,
     /// Samples.
@@ -80,12 +82,28 @@ pub struct GpuHeightField {
 }
 
 /// All fields that some terrain shows.
-#[derive(Resource, Default)]
+#[derive(Resource)]
 pub struct GpuHeightFields {
     fields: HashMap<AssetId<HeightField>, GpuHeightField>,
     /// Fields this GPU cannot hold, and why.
     pub refused: HashMap<AssetId<HeightField>, String>,
     next_generation: u64,
+    /// What they are on. Frames are extracted between the loss of a device and the making of all that is on the next, and
+    /// then the render world's is another.
+    device: RenderDevice,
+    queue: RenderQueue,
+}
+
+impl FromWorld for GpuHeightFields {
+    fn from_world(world: &mut World) -> Self {
+        Self {
+            fields: HashMap::default(),
+            refused: HashMap::default(),
+            next_generation: 0,
+            device: world.resource::<RenderDevice>().clone(),
+            queue: world.resource::<RenderQueue>().clone(),
+        }
+    }
 }
 
 impl GpuHeightFields {
@@ -95,9 +113,7 @@ impl GpuHeightFields {
 
     /// Bytes of all textures, pyramids and uniforms.
     pub fn bytes(&self) -> u64 {
-        let uniform =
-            |field: &GpuHeightField| field.uniform.buffer().map_or(0, |buffer| buffer.size());
-        let bytes = |field: &GpuHeightField| field.bytes + uniform(field);
+        let bytes = |field: &GpuHeightField| field.bytes + field.uniform.size();
         self.fields.values().map(bytes).sum()
     }
 
@@ -108,46 +124,71 @@ impl GpuHeightFields {
     }
 
     /// Brings one field up to date: uploads what has changed since it was last seen.
-    pub fn upload(
-        &mut self,
-        id: AssetId<HeightField>,
-        field: &HeightField,
-        device: &RenderDevice,
-        queue: &RenderQueue,
-    ) {
+    pub fn upload(&mut self, id: AssetId<HeightField>, field: &HeightField) {
         let float = matches!(field.samples(), HeightSamples::F32(_));
         let known = self
             .fields
             .get(&id)
             .filter(|gpu| gpu.size == field.size() && gpu.float == float);
-        let whole = URect::from_corners(UVec2::ZERO, field.size());
-        let rect = match known.map(|gpu| field.changed_since(gpu.revision)) {
+        let edited = match known.map(|gpu| field.changed_since(gpu.revision)) {
             Some(HeightFieldChanged::Nothing) => return,
-            Some(HeightFieldChanged::Rect(rect)) => rect,
-            Some(HeightFieldChanged::Everything) => whole,
-            None => {
-                if let Err(reason) = check_limits(field, &device.limits()) {
-                    if self.refused.insert(id, reason.clone()).is_none() {
-                        error!("{reason}");
-                    }
-                    self.fields.remove(&id);
-                    return;
-                }
-                self.refused.remove(&id);
-                self.next_generation += 1;
-                let gpu = GpuHeightField::new(field, float, self.next_generation, device, queue);
-                self.fields.insert(id, gpu);
-                whole
+            Some(HeightFieldChanged::Rect(rect)) => Some(rect),
+            Some(HeightFieldChanged::Everything) => Some(whole(field)),
+            None => match check_limits(field, &self.device.limits()) {
+                Ok(()) => None,
+                Err(reason) => return self.refuse(id, reason),
+            },
+        };
+        if edited.is_none() {
+            self.next_generation += 1;
+        }
+        let Self {
+            fields,
+            next_generation,
+            device,
+            queue,
+            ..
+        } = self;
+        let uploaded = checked(device.wgpu_device(), || {
+            if edited.is_none() {
+                let gpu = GpuHeightField::new(field, float, *next_generation, device, queue);
+                fields.insert(id, gpu);
             }
-        };
-        let Some(gpu) = self.fields.get_mut(&id) else {
-            return;
-        };
-        gpu.write(field.samples(), rect, queue);
-        gpu.note_tile_heights(field.pyramid(), rect);
-        gpu.revision = field.revision();
-        gpu.pending = Some(gpu.pending.map_or(rect, |old| old.union(rect)));
+            if let Some(gpu) = fields.get_mut(&id) {
+                let rect = edited.unwrap_or_else(|| whole(field));
+                gpu.write(field.samples(), rect, queue);
+                gpu.note_tile_heights(field.pyramid(), rect);
+                gpu.revision = field.revision();
+                gpu.pending = Some(gpu.pending.map_or(rect, |old| old.union(rect)));
+            }
+        });
+        match uploaded {
+            Ok(()) => {
+                self.refused.remove(&id);
+            }
+            Err(why) => {
+                let size = field.size();
+                let reason = format!(
+                    "a height field of {}x{} samples is not on the GPU, as its driver says: {why}; free memory of it, \
+                     or reduce the field",
+                    size.x, size.y
+                );
+                self.refuse(id, reason);
+            }
+        }
     }
+
+    fn refuse(&mut self, id: AssetId<HeightField>, reason: String) {
+        if self.refused.insert(id, reason.clone()).is_none() {
+            error!("{reason}");
+        }
+        self.fields.remove(&id);
+    }
+}
+
+/// All samples.
+fn whole(field: &HeightField) -> URect {
+    URect::from_corners(UVec2::ZERO, field.size())
 }
 
 /// Whether this GPU can hold the field; the reason names the limit.
@@ -222,13 +263,23 @@ impl GpuHeightField {
             let nodes = pyramid.level_size(k);
             level[k as usize] = UVec4::new(*offset, nodes.x, nodes.y, 0);
         }
-        let mut uniform = UniformBuffer::from(GpuField {
+        let of_field = GpuField {
             cells: field.cells().as_ivec2(),
             levels: level_offsets.len() as u32,
             level,
+        };
+        // A buffer that is mapped from the start cannot be made on a device that was lost.
+        let uniform = device.create_buffer(&BufferDescriptor {
+            label: Some("skyline_field"),
+            size: of_field.size().get(),
+            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
         });
-        uniform.set_label(Some("skyline_field"));
-        uniform.write_buffer(device, queue);
+        let mut bytes = encase::UniformBuffer::new(Vec::new());
+        // Memory is all that it could lack.
+        if bytes.write(&of_field).is_ok() {
+            queue.write_buffer(&uniform, 0, bytes.as_ref());
+        }
         Self {
             uniform,
             heights: texture.create_view(&TextureViewDescriptor::default()),

@@ -11,6 +11,7 @@ use bevy::{
         Render, RenderApp, RenderSystems,
         mesh::RenderMesh,
         render_asset::{RenderAssets, prepare_assets},
+        renderer::RenderDevice,
     },
 };
 
@@ -75,8 +76,32 @@ pub(crate) fn add(app: &mut App) -> MeshUploads {
                 .after(prepare_assets::<RenderMesh>)
                 .in_set(RenderSystems::PrepareAssets),
         );
+        app.add_systems(
+            First,
+            say_again.run_if(resource_exists_and_changed::<RenderDevice>),
+        );
     }
     uploads
+}
+
+/// Tells a device that came for one that was lost what was said while there was none: Bevy extracts in these frames, too,
+/// but keeps nothing of it. Meshes that are waited for would never come, and what was spawned or shown again, chunks and
+/// what interior culling restored, would not be drawn.
+fn say_again(
+    uploads: Res<MeshUploads>,
+    meshes: Option<ResMut<Assets<Mesh>>>,
+    mut drawn: Query<&mut ViewVisibility, With<Mesh3d>>,
+) {
+    if let Some(mut meshes) = meshes {
+        for mesh in uploads.lock().asked.iter().flatten() {
+            if let Some(mesh) = meshes.get_mut(*mesh) {
+                mesh.into_inner();
+            }
+        }
+    }
+    for mut visible in &mut drawn {
+        visible.set_changed();
+    }
 }
 
 /// Strikes out what has come.

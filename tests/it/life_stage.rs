@@ -271,20 +271,24 @@ impl Stage {
         self.offline.app.should_exit().is_some()
     }
 
+    /// Whether shadow maps are out of date, or something else has not come to its end.
+    pub fn is_working(&self) -> bool {
+        let shadows = self.offline.counts().shadows;
+        let says = |state: &EffectState, what: &str| state.to_string().contains(what);
+        let effects = self.effects();
+        shadows.maps == 0
+            || shadows.waiting
+            || shadows.shown < shadows.maps
+            || !matches!(effects.terrain(), EffectState::Active(_))
+            || !says(effects.interior(), "are hidden")
+            || !says(effects.spherical(), "triangles are drawn")
+    }
+
     /// Steps until nothing is left to do, all effects are at work, and the picture stands still.
     pub fn settle(&mut self) {
         for _ in 0..LIMIT {
             self.step();
-            let shadows = self.offline.counts().shadows;
-            let says = |state: &EffectState, what: &str| state.to_string().contains(what);
-            let effects = self.effects();
-            if shadows.maps > 0
-                && !shadows.waiting
-                && shadows.shown == shadows.maps
-                && matches!(effects.terrain(), EffectState::Active(_))
-                && says(effects.interior(), "are hidden")
-                && says(effects.spherical(), "triangles are drawn")
-            {
+            if !self.is_working() {
                 // What comes back from the GPU late.
                 self.steps(12);
                 return;

@@ -22,7 +22,11 @@ mod feed;
 mod piece;
 mod stream;
 
-use core::ops::Range;
+use core::{
+    ops::Range,
+    sync::atomic::{AtomicBool, Ordering},
+};
+use std::sync::Arc;
 
 use wgpu::{Device, Queue};
 
@@ -102,6 +106,8 @@ pub struct InteriorGpu {
     device: Device,
     queue: Queue,
     memory: u64,
+    /// Another has come for it, so that it answers no more.
+    is_gone: Arc<AtomicBool>,
 }
 
 impl InteriorGpu {
@@ -112,7 +118,13 @@ impl InteriorGpu {
             device,
             queue,
             memory: MEMORY,
+            is_gone: Arc::default(),
         }
+    }
+
+    /// Has whoever waits for it wait no longer, as it was lost and another has come.
+    pub(crate) fn give_up(&self) {
+        self.is_gone.store(true, Ordering::Relaxed);
     }
 
     /// With up to so much of the GPU's memory, what is read back and what is on its way included. units: bytes

@@ -11,12 +11,10 @@ use std::{
     time::Instant,
 };
 
-use bevy::tasks::futures::now_or_never;
 use wgpu::{
     BindGroupDescriptor, BindGroupEntry, BindingResource, Buffer, BufferBinding, BufferDescriptor,
     BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
-    ComputePipelineDescriptor, Device, ErrorFilter, MapMode, PollType, ShaderModuleDescriptor,
-    ShaderSource,
+    ComputePipelineDescriptor, Device, MapMode, PollType, ShaderModuleDescriptor, ShaderSource,
 };
 
 use super::{
@@ -252,7 +250,8 @@ impl Stream {
         while !is_done(self) {
             // It panics where the device is lost.
             let polled = catch_unwind(AssertUnwindSafe(|| self.gpu.device.poll(PollType::Poll)));
-            if !matches!(polled, Ok(Ok(_))) || since.elapsed() > PATIENCE {
+            let is_gone = self.gpu.is_gone.load(Ordering::Relaxed);
+            if is_gone || !matches!(polled, Ok(Ok(_))) || since.elapsed() > PATIENCE {
                 return Err(InteriorGpuError::NoAnswer);
             }
             if !is_done(self) {
@@ -263,20 +262,7 @@ impl Stream {
     }
 }
 
-/// Does what may fail on the device, and says so instead of telling the app. What other threads do is their own.
+/// Does what may fail on the device, and says so instead of telling the app.
 fn checked<T>(device: &Device, work: impl FnOnce() -> T) -> Result<T, InteriorGpuError> {
-    let memory = device.push_error_scope(ErrorFilter::OutOfMemory);
-    let validation = device.push_error_scope(ErrorFilter::Validation);
-    let internal = device.push_error_scope(ErrorFilter::Internal);
-    let result = work();
-    // Natively, what they give is there at once.
-    let errors = [
-        now_or_never(internal.pop()),
-        now_or_never(validation.pop()),
-        now_or_never(memory.pop()),
-    ];
-    match errors.into_iter().flatten().flatten().next() {
-        Some(error) => Err(InteriorGpuError::Device(error.to_string())),
-        None => Ok(result),
-    }
+    crate::device_errors::checked(device, work).map_err(InteriorGpuError::Device)
 }

@@ -108,8 +108,7 @@ impl TerrainCascade {
             let Some(starts) = &caster.slot.tile_start else {
                 continue;
             };
-            let (Some(uniform), Some(view)) = (field.uniform.binding(), caster.slot.view.binding())
-            else {
+            let Some(view) = caster.slot.view.binding() else {
                 continue;
             };
             caster.groups = Some(CasterGroups {
@@ -119,7 +118,7 @@ impl TerrainCascade {
                     "skyline_cascade_field",
                     &cache.get_bind_group_layout(pipelines.field(field.float)),
                     &BindGroupEntries::sequential((
-                        uniform,
+                        field.uniform.as_entire_binding(),
                         &field.heights,
                         field.pyramid.as_entire_binding(),
                         &unused.nearest,

@@ -220,7 +220,12 @@ pub struct ContributionPipelines {
 }
 
 /// Makes the layouts; runs again after the device was lost.
-pub fn init_contribution_pipelines(mut commands: Commands, assets: Res<AssetServer>) {
+pub fn init_contribution_pipelines(
+    mut commands: Commands,
+    assets: Res<AssetServer>,
+    stats: Res<ContributionStats>,
+) {
+    stats.lock().ready = false;
     commands.insert_resource(ContributionPipelines {
         assets: assets.clone(),
         layout: layout(),

@@ -17,6 +17,7 @@ use bevy::{
 
 use super::{
     super::{occludee_verdicts, shaders},
+    OcclusionStats,
     buffers::ReduceKey,
 };
 
@@ -39,7 +40,9 @@ pub fn init_occlusion_pipelines(
     mut commands: Commands,
     assets: Res<AssetServer>,
     device: Res<RenderDevice>,
+    stats: Res<OcclusionStats>,
 ) {
+    stats.lock().ready_to_recheck = false;
     let read = || storage_buffer_read_only_sized(false, None);
     let write = || storage_buffer_sized(false, None);
     let compute = ShaderStages::COMPUTE;

@@ -292,7 +292,7 @@ impl Making {
                     "skyline_shadow_field",
                     &cache.get_bind_group_layout(pipelines.shadow_field(field.float)),
                     &BindGroupEntries::sequential((
-                        field.uniform.binding()?,
+                        field.uniform.as_entire_binding(),
                         &field.heights,
                         field.pyramid.as_entire_binding(),
                         &self.nearest,

@@ -300,7 +300,7 @@ fn bind(slot: &TerrainSlot, inputs: &BindInputs) -> Option<SlotBindGroups> {
             "skyline_field",
             &layout(pipelines.field(field.float)),
             &BindGroupEntries::sequential((
-                field.uniform.binding()?,
+                field.uniform.as_entire_binding(),
                 &field.heights,
                 field.pyramid.as_entire_binding(),
                 &unused.nearest,

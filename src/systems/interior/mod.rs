@@ -138,7 +138,7 @@ pub(crate) fn finish(app: &mut App) {
     }
 }
 
-/// Takes the device that came for one that was lost.
+/// Takes the device that came for one that was lost. What is being made on that one is made on the CPU.
 fn follow_device(
     device: Option<Res<RenderDevice>>,
     queue: Option<Res<RenderQueue>>,
@@ -147,7 +147,10 @@ fn follow_device(
     if let (Some(device), Some(queue)) = (device, queue)
         && device.is_changed()
     {
-        models.gpu = Some(app_gpu(&device, &queue));
+        let lost = models.gpu.replace(app_gpu(&device, &queue));
+        if let Some(lost) = lost {
+            lost.give_up();
+        }
     }
 }
 
