@@ -5,16 +5,18 @@ root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 
 usage() {
     cat <<'END'
-Shows a terrain: FILE, or one made by code.
+Flies over a city on a mountain coast, with all effects: on the ground of FILE, or on an island made by code.
 
 usage: scripts/demo.sh [--headless] [FILE] [-- ARG...]
 
   FILE        an elevation file: 16-bit PNG, 16-bit or float TIFF, SRTM .hgt
-  --headless  make a picture even where there is a display
+  --headless  make pictures even where there is a display
   ARG...      handed to the demo as they are; `-- --help` lists what it takes
 
-Where there is an X11 display the demo opens a window. Elsewhere it draws without one, writes
-out/demo.png in the repository and prints that path and its frame times.
+Where there is an X11 display the demo opens a window. Elsewhere it flies without one: it writes the frames of
+the flight, a contact sheet, the same picture with culling and without it side by side, a tower cut open, and
+a plot of frame times into the folder out/ of the repository, and prints what the frames took. On a software
+device that takes minutes; `-- --frames 12 --size 640x360` is quicker.
 
 What is missing to build and run is installed first (Debian and Ubuntu), and said before.
 The first build compiles Bevy, which takes minutes.
@@ -105,11 +107,10 @@ else
     skyline_setup
     if [ "$headless" = yes ]; then arguments+=(--headless); fi
     if [ "$own_out" = no ]; then
-        mkdir -p "$root/out"
-        arguments+=(--out "$root/out/demo.png")
+        arguments+=(--out "$root/out")
     fi
 fi
 
 # --manifest-path rather than cd: relative paths among ARG... stay relative to the caller.
-exec cargo run --manifest-path "$root/Cargo.toml" --all-features --example demo -- \
+exec cargo run --manifest-path "$root/Cargo.toml" --all-features --example flyover -- \
     "${arguments[@]}" "$@"

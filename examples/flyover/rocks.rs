@@ -1,7 +1,7 @@
 //! Stacks of rock in the sea, each a mesh of many triangles of which a camera sees half: what the spherical index is
 //! for. And ships that lie at anchor.
 
-use bevy::{mesh::VertexAttributeValues, prelude::*};
+use bevy::{light::NotShadowReceiver, mesh::VertexAttributeValues, prelude::*};
 use bevy_skyline::{spherical::SphericalIndex, terrain::HeightField};
 use fastnoise_lite::{FastNoiseLite, FractalType, NoiseType};
 
@@ -40,6 +40,8 @@ pub fn spawn(world: &mut World, field: &HeightField, site: &Site) {
                 .with_rotation(Quat::from_rotation_y(2.1 * index as f32))
                 .with_scale(Vec3::new(0.62 + 0.1 * (index % 3) as f32, 1.0, 0.62) * height),
             SphericalIndex::default(),
+            // Its clefts are finer than the shadow maps' texels.
+            NotShadowReceiver,
             Rock,
         ));
     }

@@ -75,6 +75,10 @@ fn begin(world: &mut World) {
     world
         .entity_mut(camera)
         .insert(RenderTarget::Image(images[0].clone().into()));
+    if let Some(mut camera) = world.get_mut::<Camera>(camera) {
+        // See `end`.
+        camera.is_active = true;
+    }
     let without = world
         .spawn((
             Camera3d::default(),
@@ -135,7 +139,8 @@ fn begin(world: &mut World) {
     world.insert_resource(Split {
         without,
         stage,
-        frame: 0,
+        // The first timing comes at once.
+        frame: PERIOD - 2 * ALONE,
         sums: default(),
         means_ms: default(),
         present,
@@ -150,7 +155,10 @@ fn end(world: &mut World, split: &Split) {
     }
     let camera = world.resource::<Scenery>().camera;
     world.entity_mut(camera).insert(RenderTarget::default());
-    set_active(world, camera, true);
+    if let Some(mut camera) = world.get_mut::<Camera>(camera) {
+        // Written even if it is active: only of a camera that has changed Bevy looks how large its target is.
+        camera.is_active = true;
+    }
     let mut windows = world.query_filtered::<&mut Window, With<PrimaryWindow>>();
     for mut window in windows.iter_mut(world) {
         window.present_mode = split.present;
