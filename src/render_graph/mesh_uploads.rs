@@ -74,7 +74,8 @@ pub(crate) fn add(app: &mut App) -> MeshUploads {
             note_uploads
                 // What it looks for comes there.
                 .after(prepare_assets::<RenderMesh>)
-                .in_set(RenderSystems::PrepareAssets),
+                .in_set(RenderSystems::PrepareAssets)
+                .run_if(is_asked),
         );
         app.add_systems(
             First,
@@ -102,6 +103,11 @@ fn say_again(
     for mut visible in &mut drawn {
         visible.set_changed();
     }
+}
+
+/// Whether anybody waits.
+fn is_asked(uploads: Res<MeshUploads>) -> bool {
+    uploads.lock().asked.iter().any(|asked| !asked.is_empty())
 }
 
 /// Strikes out what has come.

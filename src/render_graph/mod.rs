@@ -32,6 +32,9 @@
 //! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass`, the lights' late shadow passes | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; draw commands that the lights still need are not rebuilt before; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
 //! | `recheck::<WithoutPrepass>`, `build_late_main`, `late_opaque` | `Core3d`, `MainPass`, chained | `main_opaque_pass_3d` | `terrain_shade`, `main_transparent_pass_3d` | all that is drawn early is in the depth; pixels drawn late are not lit as terrain; transparency blends over them |
 //!
+//! Of an effect that no entity asks for, nothing runs but the question ([`called`]): `extract_…` and all below are
+//! conditional on its answer, or on what was extracted and is still held.
+//!
 //! `terrain_shadow` is one dispatch of `terrain_shadow` or `shadow_sweep`, then `shadow_mips`.
 //! `cast_terrain` is `subdivide`, `box_entry`, `beam`, `ray_cast` for each terrain, then `terrain_depth` for all.
 //! `terrain_cascade` is `terrain_cascade_cast` and `terrain_cascade_erode` for each cascade that needs it, then the
@@ -41,6 +44,8 @@
 //! one of the two, by whether it draws into its depth before the main pass. `late_opaque` also draws, in the main
 //! pass, what `late_view_prepass` drew in the prepass.
 
+#[cfg(any(feature = "terrain", feature = "culling", feature = "budget"))]
+pub mod called;
 #[cfg(feature = "terrain")]
 pub mod cascades;
 #[cfg(feature = "culling")]

@@ -19,6 +19,7 @@ use bevy::{
 
 use super::{
     TerrainShadeSystems,
+    called::{self, ask, is_called_for},
     cascades::{TerrainCascades, prepare_terrain_cascades, terrain_cascade},
     extract::{ExtractedTerrains, extract_terrains},
     height_mips::{GpuHeightFields, height_mips},
@@ -32,6 +33,8 @@ use super::{
     view::{TerrainViews, prepare_terrain_bind_groups, prepare_terrain_views},
 };
 
+use crate::{terrain::Terrain, terrain_shadow::TerrainShadow};
+
 /// Adds the terrain's passes to the render app, or says in [`TerrainStats`] why it cannot.
 pub(crate) fn add_terrain_passes(app: &mut App) {
     let stats = app.world().resource::<TerrainStats>().clone();
@@ -44,6 +47,8 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
         stats.lock().unsupported = Some(reason);
         return;
     }
+    called::init::<Terrain>(render_app);
+    called::init::<TerrainShadow>(render_app);
     render_app
         .insert_resource(stats)
         .init_resource::<ExtractedTerrains>()
@@ -56,25 +61,47 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
             RenderStartup,
             init_terrain_pipelines.after(MeshPipelineSystems),
         )
-        .add_systems(ExtractSchedule, (extract_terrains, extract_shadows))
+        .add_systems(
+            ExtractSchedule,
+            (
+                (
+                    ask::<Terrain>,
+                    extract_terrains.run_if(is_called_for::<Terrain>),
+                )
+                    .chain(),
+                (
+                    ask::<TerrainShadow>,
+                    extract_shadows.run_if(is_called_for::<TerrainShadow>),
+                )
+                    .chain(),
+            ),
+        )
         .add_systems(
             Render,
             (
                 (
-                    prepare_terrain_views,
-                    // It knows which terrains are drawn.
-                    prepare_terrain_shadows.after(prepare_terrain_views),
+                    prepare_terrain_views.run_if(is_called_for::<Terrain>),
+                    prepare_terrain_shadows
+                        // It knows which terrains are drawn.
+                        .after(prepare_terrain_views)
+                        .run_if(is_called_for::<TerrainShadow>),
                 )
                     .in_set(RenderSystems::PrepareResources),
                 prepare_terrain_cascades
                     .in_set(RenderSystems::PrepareResources)
-                    .after(prepare_terrain_views),
-                prepare_terrain_bind_groups.in_set(RenderSystems::PrepareBindGroups),
+                    .after(prepare_terrain_views)
+                    .run_if(is_called_for::<Terrain>),
+                prepare_terrain_bind_groups
+                    .in_set(RenderSystems::PrepareBindGroups)
+                    .run_if(is_called_for::<Terrain>),
             ),
         )
         .add_systems(
             RenderGraph,
-            (height_mips, terrain_shadow)
+            (
+                height_mips.run_if(is_called_for::<Terrain>),
+                terrain_shadow.run_if(is_called_for::<TerrainShadow>),
+            )
                 // Rays walk the pyramid; views read what shows.
                 .chain()
                 .before(camera_driver),
@@ -105,7 +132,8 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
                     .before(main_transparent_pass_3d)
                     .in_set(TerrainShadeSystems)
                     .in_set(Core3dSystems::MainPass),
-            ),
+            )
+                .run_if(is_called_for::<Terrain>),
         );
 }
 

@@ -37,7 +37,10 @@ use bevy::{
 };
 use bytemuck::{Pod, Zeroable};
 
-use super::shaders;
+use super::{
+    called::{self, ask, is_called_for},
+    shaders,
+};
 use crate::resolution::{FullSize, ResolutionScale};
 
 /// Adds the pass to the render app. An app that renders nothing has no use for it.
@@ -45,11 +48,19 @@ pub(crate) fn add_upscale_pass(app: &mut App) {
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };
+    called::init::<ResolutionScale>(render_app);
     render_app
         .init_resource::<ExtractedScales>()
         .init_gpu_resource::<Upscalers>()
         .add_systems(RenderStartup, init_upscale_pipelines)
-        .add_systems(ExtractSchedule, extract_scales)
+        .add_systems(
+            ExtractSchedule,
+            (
+                ask::<ResolutionScale>,
+                extract_scales.run_if(is_called_for::<ResolutionScale>),
+            )
+                .chain(),
+        )
         .add_systems(
             Render,
             scale_main_passes

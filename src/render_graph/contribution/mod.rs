@@ -39,8 +39,12 @@ use bevy::{
 };
 use bytemuck::{Pod, Zeroable};
 
-use super::{occlusion::can_rewrite_draws, shaders};
-use crate::contribution::area::AreaView;
+use super::{
+    called::{self, ask, is_called_for},
+    occlusion::can_rewrite_draws,
+    shaders,
+};
+use crate::contribution::{ContributionCamera, area::AreaView};
 use extract::{ExtractedContribution, extract_contribution, respecialize_dithered};
 use pass::contribution;
 use prepare::{
@@ -185,13 +189,21 @@ pub(crate) fn add_contribution_passes(app: &mut App) {
             Some("this GPU cannot draw indirectly with GPU culling; the CPU measures".into());
         return;
     }
+    called::init::<ContributionCamera>(render_app);
     render_app
         .insert_resource(stats)
         .init_resource::<ExtractedContribution>()
         .init_gpu_resource::<GpuCandidates>()
         .init_gpu_resource::<ContributionViews>()
         .add_systems(RenderStartup, init_contribution_pipelines)
-        .add_systems(ExtractSchedule, extract_contribution)
+        .add_systems(
+            ExtractSchedule,
+            (
+                ask::<ContributionCamera>,
+                extract_contribution.run_if(is_called_for::<ContributionCamera>),
+            )
+                .chain(),
+        )
         .add_systems(
             Render,
             (

@@ -35,7 +35,11 @@ use bevy::{
     },
 };
 
-use super::TerrainShadeSystems;
+use super::{
+    TerrainShadeSystems,
+    called::{self, ask, is_called_for},
+};
+use crate::occlusion::ZBufferOcclusion;
 use buffers::{GpuOccludees, OcclusionViews};
 use extract::{ExtractedOcclusion, extract_occlusion};
 use late_view::{
@@ -93,6 +97,7 @@ pub(crate) fn add_occlusion_passes(app: &mut App) {
         return;
     }
     stats.lock().no_recheck = lacks_for_recheck(render_app.world());
+    called::init::<ZBufferOcclusion>(render_app);
     render_app
         .insert_resource(stats)
         .init_resource::<ExtractedOcclusion>()
@@ -107,7 +112,14 @@ pub(crate) fn add_occlusion_passes(app: &mut App) {
                 forget_late_views,
             ),
         )
-        .add_systems(ExtractSchedule, extract_occlusion)
+        .add_systems(
+            ExtractSchedule,
+            (
+                ask::<ZBufferOcclusion>,
+                extract_occlusion.run_if(is_called_for::<ZBufferOcclusion>),
+            )
+                .chain(),
+        )
         .add_systems(
             Render,
             (
