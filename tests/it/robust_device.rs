@@ -217,9 +217,10 @@ fn once() -> impl Iterator<Item = (u32, Option<u32>)> {
     FRAMES.map(|frames| (frames, None))
 }
 
+/// Also where it comes when there is no device that it could be put on.
 #[test]
 fn a_device_lost_while_terrain_comes_is_outlived() {
-    outlives(Work::Terrain, once());
+    outlives(Work::Terrain, core::iter::once((0, None)).chain(once()));
 }
 
 #[test]
