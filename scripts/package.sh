@@ -29,7 +29,8 @@ esac
 # 1. The package, without a warning. It is built below, from outside.
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
-cargo package --locked --allow-dirty --no-verify --color never 2>&1 | tee "$log"
+cargo fetch --locked --target "$(rustc -vV | sed -n 's/^host: //p')"
+cargo package --locked --offline --allow-dirty --no-verify --color never 2>&1 | tee "$log"
 if grep -q '^warning' "$log"; then die "cargo warns of the package, see above"; fi
 version=$(sed -n 's/^version = "\(.*\)"$/\1/p' Cargo.toml | head -n 1)
 name="bevy_skyline-$version"
@@ -104,6 +105,7 @@ else
 fi
 cat "$work/Cargo.toml"
 cd "$work"
+if [ "$mode" != --newcomer ]; then export CARGO_NET_OFFLINE=true; fi
 cargo build
 cargo tree --depth 1 --edges normal
 printf '\nthe README'"'"'s program is built: %s\n' "$CARGO_TARGET_DIR/debug/newcomer"
