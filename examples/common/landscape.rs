@@ -1,43 +1,59 @@
-//! Mountains made of noise, the same on every machine.
+//! The ground of an elevation file, or mountains made of noise, the same on every machine.
 
-use std::thread;
+use std::{path::Path, thread};
 
 use bevy::prelude::*;
-use bevy_skyline::terrain::{HeightField, HeightFieldError};
+use bevy_skyline::terrain::{
+    HeightField, HeightFieldError, HeightFieldLoadError, HeightFieldSettings, read_height_field,
+};
 use fastnoise_lite::{DomainWarpType, FastNoiseLite, FractalType, NoiseType};
 
-/// Samples a side.
-pub const SAMPLES: u32 = 2048;
-/// Metres between samples.
-pub const TEXEL_M: f32 = 10.0;
+use crate::stage::{NAME, StageError};
+
+/// Side of the square. units: m
+const SIDE_M: f32 = 20_480.0;
 /// Heights of the lowest and the highest code.
 const RANGE_M: (f32, f32) = (0.0, 2_400.0);
 
+/// A file's, else mountains; of 2048 samples a side, or of 512.
+pub fn read_or_make(file: Option<&Path>, is_small: bool) -> Result<HeightField, StageError> {
+    let Some(path) = file else {
+        let samples = if is_small { 512 } else { 2048 };
+        return mountains(samples).map_err(StageError::input);
+    };
+    let settings = HeightFieldSettings::default();
+    let (field, notes) = read_height_field(path, &settings).map_err(|error| match error {
+        // This one names the file itself.
+        HeightFieldLoadError::Read { .. } => StageError::input(error),
+        _ => StageError::input(format!("{}: {error}", path.display())),
+    })?;
+    for note in notes {
+        eprintln!("{NAME}: {}: {note}", path.display());
+    }
+    Ok(field)
+}
+
 /// Ridged mountains that rise out of valleys and a rolling plain, about 20 km across.
-pub fn mountains() -> Result<HeightField, HeightFieldError> {
+fn mountains(samples: u32) -> Result<HeightField, HeightFieldError> {
     let noise = Noise::new();
-    let mut heights_m = vec![0.0; (SAMPLES * SAMPLES) as usize];
+    let side = samples as usize;
+    let texel_m = SIDE_M / samples as f32;
+    let mut heights_m = vec![0.0; side * side];
     let threads = thread::available_parallelism().map_or(1, usize::from);
-    let rows_each = (SAMPLES as usize).div_ceil(threads);
+    let rows_each = side.div_ceil(threads);
     thread::scope(|scope| {
-        for (index, rows) in heights_m
-            .chunks_mut(rows_each * SAMPLES as usize)
-            .enumerate()
-        {
+        for (index, rows) in heights_m.chunks_mut(rows_each * side).enumerate() {
             let noise = &noise;
             scope.spawn(move || {
                 for (i, height_m) in rows.iter_mut().enumerate() {
-                    let (row, column) = (
-                        index * rows_each + i / SAMPLES as usize,
-                        i % SAMPLES as usize,
-                    );
-                    *height_m = noise.height_m(Vec2::new(column as f32, row as f32) * TEXEL_M);
+                    let (row, column) = (index * rows_each + i / side, i % side);
+                    *height_m = noise.height_m(Vec2::new(column as f32, row as f32) * texel_m);
                 }
             });
         }
     });
-    HeightField::from_fn(UVec2::splat(SAMPLES), TEXEL_M, RANGE_M, |column, row| {
-        heights_m[(row * SAMPLES + column) as usize]
+    HeightField::from_fn(UVec2::splat(samples), texel_m, RANGE_M, |column, row| {
+        heights_m[row as usize * side + column as usize]
     })
 }
 

@@ -4,6 +4,7 @@ use core::f32::consts::TAU;
 
 use bevy::{
     camera::ClearColorConfig,
+    camera_controller::free_camera::FreeCamera,
     light::{
         AmbientLight, CascadeShadowConfigBuilder, NotShadowCaster, NotShadowReceiver, SunDisk,
     },
@@ -11,7 +12,9 @@ use bevy::{
     pbr::{DistanceFog, FogFalloff},
     prelude::*,
 };
-use bevy_skyline::prelude::*;
+use bevy_skyline::{offline::OfflineError, prelude::*};
+
+use crate::stage::{Film, StageError};
 
 /// The sky at the horizon, which distant ground fades into.
 const HAZE: LinearRgba = LinearRgba::rgb(0.86, 1.00, 1.16);
@@ -19,6 +22,8 @@ const HAZE: LinearRgba = LinearRgba::rgb(0.86, 1.00, 1.16);
 const ZENITH: LinearRgba = LinearRgba::rgb(0.12, 0.32, 0.92);
 /// Direction to the sun: low, and from the left of where the camera first looks.
 const TO_SUN: Vec3 = Vec3::new(0.66, 0.44, -0.52);
+/// Time for shadows in a frame that nobody waits for. units: ms
+const SLICE_MS: f32 = 1_000.0;
 
 /// Where to look from.
 #[derive(Clone, Copy, Debug)]
@@ -50,7 +55,7 @@ impl Viewpoint {
     }
 
     /// The camera that takes this view.
-    pub fn transform(&self) -> Transform {
+    fn transform(&self) -> Transform {
         let ahead = self.target - self.eye;
         let up = if ahead.xz().length() > 1e-3 * ahead.y.abs() {
             Vec3::Y
@@ -62,7 +67,7 @@ impl Viewpoint {
 }
 
 /// From the lowest point of one corner to the highest of the other: what every length here is a share of.
-pub fn diagonal_m(field: &HeightField) -> f32 {
+fn diagonal_m(field: &HeightField) -> f32 {
     let (lowest, highest) = field.data_range_m();
     field.extent_m().extend((highest - lowest) as f32).length()
 }
@@ -80,9 +85,28 @@ fn places(centre: Vec2, distance: f32) -> impl Iterator<Item = Vec2> {
     line().flat_map(move |z| line().map(move |x| centre + Vec2::new(x, z)))
 }
 
-/// Fills an empty world with a terrain, its light and its meshes.
-pub fn populate(world: &mut World, field: HeightField, viewpoint: Viewpoint) {
-    spawn_meshes(world, &field, viewpoint);
+/// Fills an empty world with a terrain, its light, its meshes, and a camera with more components. Returns the place that
+/// the meshes stand around.
+pub fn populate(
+    world: &mut World,
+    field: HeightField,
+    viewpoint: Viewpoint,
+    on_camera: impl Bundle,
+) -> Vec3 {
+    let speed = 0.012 * diagonal_m(&field);
+    let controls = FreeCamera {
+        walk_speed: speed,
+        run_speed: 5.0 * speed,
+        friction: 8.0,
+        ..default()
+    };
+    world.spawn((
+        Camera3d::default(),
+        camera(&field, viewpoint),
+        controls,
+        on_camera,
+    ));
+    let centre = spawn_meshes(world, &field, viewpoint);
     let extent = field.extent_m();
     let diagonal = diagonal_m(&field);
     spawn_sky(
@@ -111,10 +135,11 @@ pub fn populate(world: &mut World, field: HeightField, viewpoint: Viewpoint) {
         SunDisk::EARTH,
         Transform::default().looking_to(-TO_SUN, Vec3::Y),
     ));
+    centre
 }
 
 /// What a `Camera3d` needs to show a field.
-pub fn camera(field: &HeightField, viewpoint: Viewpoint) -> impl Bundle {
+fn camera(field: &HeightField, viewpoint: Viewpoint) -> impl Bundle {
     let diagonal = diagonal_m(field);
     (
         Camera {
@@ -145,6 +170,27 @@ pub fn camera(field: &HeightField, viewpoint: Viewpoint) -> impl Bundle {
             ),
         },
     )
+}
+
+/// Draws frames until the terrain and its shadows are there.
+pub fn settle(film: &mut Film) -> Result<(), StageError> {
+    let world = film.world();
+    let mut shadows = world.query::<&mut TerrainShadow>();
+    for mut shadow in shadows.iter_mut(world) {
+        shadow.slice_ms = SLICE_MS;
+    }
+    let mut cameras = world.query_filtered::<Entity, With<Camera3d>>();
+    for camera in cameras.iter(world).collect::<Vec<_>>() {
+        // Where only sky is in view nothing settles, and there is nothing to wait for either.
+        match film.offline.settle(camera, 16) {
+            Err(OfflineError::NotFinished(_)) if film.offline.counts().views_drawn == 0 => {}
+            settled => settled?,
+        }
+    }
+    if film.offline.counts().views_drawn > 0 {
+        film.offline.settle_shadows(200)?;
+    }
+    Ok(())
 }
 
 /// A dome around everything, hazy at the horizon and blue above.
@@ -180,7 +226,7 @@ fn spawn_sky(world: &mut World, centre: Vec3, radius: f32) {
 }
 
 /// Rings of pillars, boxes and spheres around a hill ahead: the ground hides some, and some hide the ground.
-fn spawn_meshes(world: &mut World, field: &HeightField, viewpoint: Viewpoint) {
+fn spawn_meshes(world: &mut World, field: &HeightField, viewpoint: Viewpoint) -> Vec3 {
     let diagonal = diagonal_m(field);
     let ahead = (viewpoint.target - viewpoint.eye)
         .xz()
@@ -237,4 +283,6 @@ fn spawn_meshes(world: &mut World, field: &HeightField, viewpoint: Viewpoint) {
             ));
         }
     }
+    let ground = field.height_at(centre).unwrap_or(viewpoint.target.y);
+    Vec3::new(centre.x, ground, centre.y)
 }

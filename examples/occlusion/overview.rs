@@ -20,6 +20,8 @@ const LAYER: usize = 1;
 const LEAST_M: f32 = 3.0;
 /// Side of the square that is shown. units: m
 const SHOWN_M: f32 = 1_100.0;
+/// From the highest roof to the camera that looks down. units: m
+const ABOVE_M: f32 = 200.0;
 /// From the camera to the middle of what is shown. units: m
 const AHEAD_M: f32 = 320.0;
 
@@ -56,10 +58,12 @@ pub struct Tally {
 
 /// What the colours are made from.
 #[derive(Resource)]
-struct Map {
+pub struct Map {
     camera: Entity,
     /// An object, its twin if it has one, and its state when that was last coloured.
     objects: Vec<(Entity, Option<Entity>, State)>,
+    /// Above all roofs, and below the camera. units: m
+    arrow_y: f32,
     paints: [Handle<StandardMaterial>; 3],
 }
 
@@ -152,13 +156,14 @@ pub fn spawn(world: &mut World, scene: &Scene, entities: &[Entity], camera: Enti
         // The colours of the legend, to the letter.
         Tonemapping::None,
         DebandDither::Disabled,
-        Transform::from_xyz(0.0, high.y + 200.0, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
+        Transform::from_xyz(0.0, high.y + ABOVE_M, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
         layer,
         Overview,
     ));
     world.insert_resource(Map {
         camera,
         objects,
+        arrow_y: high.y + 0.5 * ABOVE_M,
         paints,
     });
 }
@@ -175,7 +180,7 @@ fn state_of(culling: &Culling, camera: Entity, object: Entity) -> State {
 }
 
 /// Colours what has changed its state since it was last coloured, and counts.
-fn colour(
+pub fn colour(
     mut map: ResMut<Map>,
     mut tally: ResMut<Tally>,
     culling: Culling,
@@ -186,6 +191,7 @@ fn colour(
         camera,
         objects,
         paints,
+        ..
     } = &mut *map;
     for (entity, twin, last) in objects {
         let state = state_of(&culling, *camera, *entity);
@@ -220,8 +226,8 @@ fn follow(
         camera.translation = (at + AHEAD_M * level).with_y(camera.translation.y);
     }
     for mut arrow in &mut arrows {
-        // Above all roofs; a cone's tip is up.
-        *arrow = Transform::from_translation(at.with_y(600.0) + 30.0 * level)
+        // A cone's tip is up.
+        *arrow = Transform::from_translation(at.with_y(map.arrow_y) + 30.0 * level)
             .with_rotation(Quat::from_rotation_arc(Vec3::Y, level));
     }
 }

@@ -9,6 +9,8 @@ use bevy::{
     render::render_resource::Face,
 };
 
+use crate::removed::positions;
+
 /// Meshes, materials, and where they stand.
 #[derive(Default)]
 pub struct ModelData {
@@ -189,6 +191,23 @@ impl ModelData {
             );
         }
         model
+    }
+
+    /// Lowest and highest corner.
+    pub fn bounds(&self) -> [Vec3; 2] {
+        let mut places: Vec<Mat4> = Vec::new();
+        let mut bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+        for node in &self.nodes {
+            let above = node.above.and_then(|above| places.get(above).copied());
+            let place = above.unwrap_or(Mat4::IDENTITY) * node.place.to_matrix();
+            places.push(place);
+            let mesh = node.drawn.and_then(|(mesh, _)| self.meshes.get(mesh));
+            for at in mesh.into_iter().flat_map(positions) {
+                let at = place.transform_point3(Vec3::from(*at));
+                bounds = [bounds[0].min(at), bounds[1].max(at)];
+            }
+        }
+        bounds
     }
 
     /// How many triangles its nodes draw.
