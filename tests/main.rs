@@ -39,6 +39,9 @@ mod data;
 mod effect_scene;
 #[path = "it/effect_toggling.rs"]
 mod effect_toggling;
+#[cfg(all(feature = "cli", feature = "window"))]
+#[path = "it/examples.rs"]
+mod examples;
 #[path = "it/fuzz.rs"]
 mod fuzz;
 #[path = "it/glb.rs"]
