@@ -16,8 +16,6 @@
 mod buildings;
 #[path = "flyover/coast.rs"]
 mod coast;
-#[path = "common/command_line.rs"]
-mod command_line;
 #[path = "flyover/film.rs"]
 mod film;
 #[path = "flyover/ground.rs"]
@@ -38,6 +36,8 @@ mod site;
 mod sky;
 #[path = "flyover/split.rs"]
 mod split;
+#[path = "common/stage.rs"]
+mod stage;
 #[path = "flyover/texture.rs"]
 mod texture;
 #[path = "flyover/town.rs"]
@@ -47,118 +47,84 @@ mod window;
 #[path = "flyover/world.rs"]
 mod world;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use bevy::prelude::*;
 use bevy_skyline::{
-    offline::{OfflineError, plot::PlotError},
     prelude::*,
-    terrain::{HeightFieldError, HeightFieldLoadError, read_height_field},
+    terrain::{HeightFieldLoadError, read_height_field},
 };
-use clap::Parser;
-use command_line::{exit_with, has_display, size};
+use stage::{Stage, StageError};
+
+/// Buildings that are asked for, of a large city and of a small one.
+const BUILDINGS: [usize; 2] = [10_200, 400];
 
 /// Flies over a city on a coast, in a window or in pictures.
-#[derive(Parser)]
-#[command(name = "flyover")]
+#[derive(clap::Args)]
 pub struct Options {
     /// Elevation file: 16-bit PNG or TIFF, float TIFF, SRTM .hgt, raw 16-bit; else an island made by code.
     file: Option<PathBuf>,
-    /// Open no window: fly the script, write its pictures, a contact sheet and a plot of frame times.
-    #[arg(long)]
-    headless: bool,
-    /// Folder to write to; implies --headless [default: flyover].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Pixels of the pictures or the window.
-    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
-    size: UVec2,
-    /// Frames of the flight.
-    #[arg(long, value_name = "N", default_value_t = 48, value_parser = clap::value_parser!(u32).range(1..))]
-    frames: u32,
-    /// Only pictures at these shares of the flight, 0 to 1, and no timing.
-    #[arg(long, value_name = "SHARE", value_delimiter = ',')]
+    /// Without a window: only pictures at these shares of the flight, 0 to 1, and no timing.
+    #[arg(
+        long,
+        value_name = "SHARE",
+        value_delimiter = ',',
+        requires = "headless"
+    )]
     at: Vec<f32>,
-    /// Buildings of the city, if there is room for them.
-    #[arg(long, value_name = "N", default_value_t = 10_200)]
-    buildings: usize,
-    /// What a frame may take, in ms [default: 16.7 in a window; else what three frames in four do not exceed without a budget].
+    /// What a frame may take, in ms [default: 16.7 in a window; else what three frames in four do not exceed without a
+    /// budget].
     #[arg(long, value_name = "T")]
     target_ms: Option<f32>,
 }
 
-/// Why there is nothing to see; says itself in one line.
-#[derive(thiserror::Error, Debug)]
-pub enum FlyoverError {
-    #[error(transparent)]
-    Unreadable(HeightFieldLoadError),
-    #[error("{}: {source}", path.display())]
-    File {
-        path: PathBuf,
-        source: HeightFieldLoadError,
-    },
-    #[error(transparent)]
-    Landscape(#[from] HeightFieldError),
-    #[error("there is no display to open a window on: use --headless")]
-    NoDisplay,
-    #[error("a picture of {0}x{1} pixels is larger than this GPU can draw: at most {2} a side")]
-    TooLarge(u32, u32, u32),
-    #[error("a frame cannot take {0} ms: give --target-ms a number above 0")]
-    Target(f32),
-    #[error(transparent)]
-    Offline(#[from] OfflineError),
-    #[error(transparent)]
-    Plot(#[from] PlotError),
-    #[error("cannot write {}: {reason}", path.display())]
-    Write { path: PathBuf, reason: String },
-}
-
 fn main() -> AppExit {
-    let options = Options::parse();
-    run(&options).unwrap_or_else(|error| {
-        exit_with("flyover", &error, matches!(error, FlyoverError::Offline(_)))
-    })
+    stage::start(run)
 }
 
-fn run(options: &Options) -> Result<AppExit, FlyoverError> {
-    if let Some(target) = options
-        .target_ms
-        .filter(|ms| !(ms.is_finite() && *ms > 0.0))
-    {
-        return Err(FlyoverError::Target(target));
-    }
-    let headless = options.headless || options.out.is_some();
-    if !headless && !has_display() {
-        return Err(FlyoverError::NoDisplay);
+fn run(stage: Stage, options: Options) -> Result<AppExit, StageError> {
+    let meant = |ms: &f32| ms.is_finite() && *ms > 0.0;
+    if let Some(target) = options.target_ms.filter(|ms| !meant(ms)) {
+        return Err(StageError::input(format!(
+            "a frame cannot take {target} ms: give --target-ms a number above 0"
+        )));
     }
     let field = match &options.file {
-        Some(path) => read(path)?,
-        None => coast::island()?,
+        Some(path) => {
+            let (field, notes) = read_height_field(path, &HeightFieldSettings::default())
+                .map_err(|error| named(path, error))?;
+            for note in notes {
+                eprintln!("flyover: {}: {note}", path.display());
+            }
+            field
+        }
+        None => coast::island().map_err(StageError::input)?,
     };
-    if headless {
-        film::make(options, field)?;
-        return Ok(AppExit::Success);
-    }
-    Ok(window::fly(
-        options.size,
-        field,
-        options.buildings,
-        options.target_ms,
-    ))
+    let buildings = BUILDINGS[usize::from(stage.options.small)];
+    let stage = Stage {
+        keys: "C camera: yours or the script's; Space stops the time; the arrows turn the sun; 1 terrain shadow, 2 occlusion, \
+               3 contribution, 4 interior, 5 spherical index, 6 frame budget; 0 all; V with and without side by side; \
+               X cuts the tower open; F3 the panel",
+        effects: &Effect::ALL,
+        ..stage
+    };
+    let target_ms = options.target_ms;
+    let headless = stage.is_headless();
+    stage.show(
+        |app| window::build(app, target_ms, headless),
+        |world| {
+            let census = world::populate(world, field, buildings);
+            println!("{census}");
+        },
+        |film| film::make(film, &options.at, target_ms),
+    )
 }
 
-fn read(path: &Path) -> Result<HeightField, FlyoverError> {
-    let settings = HeightFieldSettings::default();
-    let (field, notes) = read_height_field(path, &settings).map_err(|source| match source {
+/// An error that names its file.
+fn named(path: &std::path::Path, error: HeightFieldLoadError) -> StageError {
+    match error {
         // This one names the file itself.
-        HeightFieldLoadError::Read { .. } => FlyoverError::Unreadable(source),
-        _ => FlyoverError::File {
-            path: path.into(),
-            source,
-        },
-    })?;
-    for note in notes {
-        eprintln!("flyover: {}: {note}", path.display());
+        HeightFieldLoadError::Read { .. } => StageError::input(error),
+        _ => StageError::input(format!("{}: {error}", path.display())),
     }
-    Ok(field)
 }

@@ -80,10 +80,12 @@ if [ -n "$file" ]; then
 fi
 
 own_out=no
+own_frames=no
 for argument in "$@"; do
     case $argument in
         --headless) headless=given ;;
         --out | --out=*) own_out=yes ;;
+        --frames | --frames=* | --at | --at=*) own_frames=yes ;;
     esac
 done
 if [ "$headless" = no ] && ! has_display; then
@@ -109,6 +111,7 @@ else
     if [ "$own_out" = no ]; then
         arguments+=(--out "$root/out")
     fi
+    if [ "$own_frames" = no ]; then arguments+=(--frames 48); fi
 fi
 
 # --manifest-path rather than cd: relative paths among ARG... stay relative to the caller.

@@ -1,27 +1,19 @@
 //! The flight without a window: its pictures, a contact sheet, and how long its frames take without culling, with it,
 //! and with a frame budget on top.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    time::Instant,
-};
-
-use bevy::{camera::RenderTarget, light::DirectionalLightShadowMap, prelude::*};
+use bevy::{light::DirectionalLightShadowMap, prelude::*};
 use bevy_skyline::{
     offline::{
-        Offline, OfflineError,
+        OfflineError,
         plot::{Axis, LinePlot, Series},
     },
     prelude::*,
-    terrain_shadow::TerrainShadow,
 };
-use image::{DynamicImage, ImageFormat, RgbImage, imageops};
+use image::{RgbImage, imageops};
 
 use super::{
-    FlyoverError, Options,
     label::write,
-    sky,
+    stage::{Film, StageError},
     world::{self, CutOpen, Flight, Scenery, Switches},
 };
 
@@ -48,78 +40,32 @@ struct Takes {
     splits: Vec<RgbImage>,
 }
 
-/// Where everything is drawn and written.
-struct Studio {
-    offline: Offline,
-    target: Handle<Image>,
-    out: PathBuf,
-    frames: u32,
-}
-
-/// Flies, and writes everything.
-pub fn make(options: &Options, field: HeightField) -> Result<(), FlyoverError> {
-    let out = options.out.clone().unwrap_or_else(|| "flyover".into());
-    fs::create_dir_all(&out).map_err(|error| FlyoverError::Write {
-        path: out.clone(),
-        reason: error.to_string(),
-    })?;
-    let mut studio = Studio::new(options, field, out)?;
-    if options.at.is_empty() {
-        studio.film(options.target_ms)?;
+/// Flies, and writes everything; or only pictures at some moments.
+pub fn make(film: &mut Film, at: &[f32], target_ms: Option<f32>) -> Result<(), StageError> {
+    if film.offline.is_software() {
+        // Every texel of the shadow maps is drawn by the cores that do all else.
+        let size = DirectionalLightShadowMap { size: 1024 };
+        film.world().insert_resource(size);
+    }
+    let mut studio = Studio { film };
+    if at.is_empty() {
+        studio.film(target_ms)
     } else {
-        studio.stills(&options.at)?;
+        studio.stills(at)
     }
-    println!("adapter: {}", studio.offline.adapter());
-    Ok(())
 }
 
-impl Studio {
-    fn new(options: &Options, field: HeightField, out: PathBuf) -> Result<Self, FlyoverError> {
-        let mut offline = Offline::with(|app| {
-            app.add_systems(
-                Update,
-                (
-                    world::switch,
-                    world::follow_script,
-                    world::cut_open,
-                    sky::follow_sun,
-                )
-                    .chain()
-                    .run_if(resource_exists::<Scenery>),
-            );
-        })?;
-        let limit = offline.max_image_side();
-        if options.size.max_element() > limit {
-            let size = options.size;
-            return Err(FlyoverError::TooLarge(size.x, size.y, limit));
-        }
-        let target = offline.target(options.size);
-        if offline.is_software() {
-            // Every texel of the shadow maps is drawn by the cores that do all else.
-            offline
-                .app
-                .insert_resource(DirectionalLightShadowMap { size: 1024 });
-        }
-        let world = offline.app.world_mut();
-        let camera = RenderTarget::Image(target.clone().into());
-        let census = world::populate(world, field, options.buildings, camera);
-        println!("{census}");
-        world.insert_resource(Switches::all(None));
-        world.insert_resource(Flight::start());
-        Ok(Self {
-            offline,
-            target,
-            out,
-            frames: options.frames,
-        })
-    }
+struct Studio<'a> {
+    film: &'a mut Film,
+}
 
+impl Studio<'_> {
     fn world(&mut self) -> &mut World {
-        self.offline.app.world_mut()
+        self.film.world()
     }
 
     /// Switches effects, and waits for what they do in the background; nothing is drawn meanwhile.
-    fn switch(&mut self, switches: Switches) -> Result<(), FlyoverError> {
+    fn switch(&mut self, switches: Switches) -> Result<(), StageError> {
         let camera = self.world().resource::<Scenery>().camera;
         self.world().insert_resource(switches);
         self.set_active(camera, false);
@@ -128,7 +74,7 @@ impl Studio {
             if waited == MOST_FRAMES {
                 return Err(OfflineError::NotFinished(MOST_FRAMES).into());
             }
-            self.offline.step();
+            self.film.offline.step();
             waited += 1;
         }
         self.set_active(camera, true);
@@ -151,26 +97,20 @@ impl Studio {
         self.world().resource_mut::<Flight>().share = share;
     }
 
-    fn picture(&self) -> Result<RgbImage, FlyoverError> {
-        Ok(DynamicImage::ImageRgba8(self.offline.picture(&self.target)?).into_rgb8())
-    }
-
     /// Pictures at some moments, with every effect but the budget.
-    fn stills(&mut self, shares: &[f32]) -> Result<(), FlyoverError> {
+    fn stills(&mut self, shares: &[f32]) -> Result<(), StageError> {
         self.switch(Switches::all(None))?;
         for &share in shares {
             self.go_to(share);
-            self.offline.settle_shadows(200)?;
-            self.offline.step();
-            let path = self.out.join(format!("at_{:04.0}.png", 1_000.0 * share));
-            save(&self.picture()?, &path)?;
-            println!("{}", shown(&path));
+            self.film.offline.settle_shadows(200)?;
+            self.film.offline.step();
+            self.film.picture(&format!("at_{:04.0}", 1_000.0 * share))?;
         }
         Ok(())
     }
 
     /// The whole flight, three times.
-    fn film(&mut self, target_ms: Option<f32>) -> Result<(), FlyoverError> {
+    fn film(&mut self, target_ms: Option<f32>) -> Result<(), StageError> {
         let plain = self.fly("without culling", Switches::SHADOW_ALONE, false)?;
         let culled = self.fly("with culling", Switches::all(None), false)?;
         let target_ms = target_ms.unwrap_or(part(&culled.times_ms, 0.75) as f32);
@@ -193,44 +133,40 @@ impl Studio {
         name: &'static str,
         switches: Switches,
         keep: bool,
-    ) -> Result<Takes, FlyoverError> {
+    ) -> Result<Takes, StageError> {
         self.go_to(0.0);
         self.switch(switches)?;
         for _ in 0..WARM_FRAMES {
-            self.offline.step();
+            self.film.offline.step();
         }
         let mut takes = Takes {
             name,
             times_ms: Vec::new(),
             splits: Vec::new(),
         };
-        let frames = self.frames;
+        let frames = self.film.options.frames;
         let last = (frames - 1).max(1) as f32;
         let splits = SPLITS.map(|share| (share * last).round() as u32);
         for frame in 0..frames {
             self.go_to(frame as f32 / last);
-            let start = Instant::now();
-            self.offline.step();
-            takes.times_ms.push(start.elapsed().as_secs_f64() * 1e3);
+            takes.times_ms.push(self.film.step());
             if keep {
-                save(&self.picture()?, &self.frame_path(frame))?;
-            } else if splits.contains(&frame) {
-                takes.splits.push(self.picture()?);
+                self.film.picture(&frame_name(frame))?;
+            }
+            for _ in splits.iter().filter(|split| **split == frame) {
+                takes.splits.push(self.film.look()?);
             }
             if (frame + 1) % 8 == 0 || frame + 1 == frames {
                 eprintln!("flyover: {name}: {} of {frames} frames", frame + 1);
             }
         }
+        self.film.tell(name, takes.times_ms.clone());
         Ok(takes)
     }
 
-    fn frame_path(&self, frame: u32) -> PathBuf {
-        self.out.join(format!("frame_{frame:04}.png"))
-    }
-
     /// The left half with culling, the right half without, of the same moment, each with the time of its frame.
-    fn write_splits(&self, culled: &Takes, plain: &Takes) -> Result<(), FlyoverError> {
-        let last = (self.frames - 1).max(1) as f32;
+    fn write_splits(&self, culled: &Takes, plain: &Takes) -> Result<(), StageError> {
+        let last = (self.film.options.frames - 1).max(1) as f32;
         for (index, (with, without)) in culled.splits.iter().zip(&plain.splits).enumerate() {
             let frame = (SPLITS[index.min(SPLITS.len() - 1)] * last).round() as usize;
             let (width, height) = with.dimensions();
@@ -246,11 +182,9 @@ impl Studio {
             };
             write(&mut picture, [12, 12], &label(culled));
             write(&mut picture, [width / 2 + 12, 12], &label(plain));
-            let path = self.out.join(format!("split_{}.png", index + 1));
-            save(&picture, &path)?;
+            self.film.write(&format!("split_{}", index + 1), &picture)?;
             println!(
-                "{}: {:.2} % of the pixels differ",
-                shown(&path),
+                "  {:.2} % of all pixels differ between the two",
                 100.0 * differing(with, without)
             );
         }
@@ -258,7 +192,7 @@ impl Studio {
     }
 
     /// The tower cut open, before interior culling on the left and after it on the right.
-    fn write_cut_away(&mut self) -> Result<(), FlyoverError> {
+    fn write_cut_away(&mut self) -> Result<(), StageError> {
         self.go_to(CUT_AT);
         self.world().insert_resource(CutOpen);
         self.world().resource_mut::<Flight>().scripted = false;
@@ -283,11 +217,11 @@ impl Studio {
                 occlusion: false,
                 ..Switches::all(None)
             })?;
-            self.offline.settle_shadows(200)?;
+            self.film.offline.settle_shadows(200)?;
             for _ in 0..3 {
-                self.offline.step();
+                self.film.offline.step();
             }
-            halves.push(self.picture()?);
+            halves.push(self.film.look()?);
         }
         self.world().remove_resource::<CutOpen>();
         self.world().resource_mut::<Flight>().scripted = true;
@@ -307,21 +241,18 @@ impl Studio {
             imageops::replace(&mut picture, &middle.to_image(), i64::from(left), 0);
             write(&mut picture, [left + 12, 12], label);
         }
-        let path = self.out.join("cut_away.png");
-        save(&picture, &path)?;
-        println!("{}", shown(&path));
-        Ok(())
+        self.film.write("cut_away", &picture)
     }
 
     /// Some of the frames on one page.
-    fn write_sheet(&self) -> Result<(), FlyoverError> {
+    fn write_sheet(&self) -> Result<(), StageError> {
         let [columns, rows] = SHEET;
-        let count = (columns * rows).min(self.frames);
+        let count = (columns * rows).min(self.film.options.frames);
         let mut sheet: Option<RgbImage> = None;
         for index in 0..count {
-            let frame = index * (self.frames - 1) / (count - 1).max(1);
-            let path = self.frame_path(frame);
-            let picture = image::open(&path).map_err(|error| FlyoverError::Write {
+            let frame = index * (self.film.options.frames - 1) / (count - 1).max(1);
+            let path = self.film.path(&frame_name(frame));
+            let picture = image::open(&path).map_err(|error| StageError::Write {
                 path,
                 reason: error.to_string(),
             })?;
@@ -334,16 +265,14 @@ impl Studio {
             let (x, y) = ((index % columns) * width, (index / columns) * height);
             imageops::replace(sheet, &small.into_rgb8(), i64::from(x), i64::from(y));
         }
-        let path = self.out.join("contact_sheet.png");
-        if let Some(sheet) = sheet {
-            save(&sheet, &path)?;
-            println!("{}", shown(&path));
+        match sheet {
+            Some(sheet) => self.film.write("contact_sheet", &sheet),
+            None => Ok(()),
         }
-        Ok(())
     }
 
-    fn write_plot(&self, flights: &[&Takes], target_ms: f32) -> Result<(), FlyoverError> {
-        let last = (self.frames - 1).max(1) as f64;
+    fn write_plot(&self, flights: &[&Takes], target_ms: f32) -> Result<(), StageError> {
+        let last = (self.film.options.frames - 1).max(1) as f64;
         let mut series: Vec<Series> = flights
             .iter()
             .map(|takes| Series {
@@ -362,46 +291,45 @@ impl Studio {
             points: vec![(0.0, f64::from(target_ms)), (1.0, f64::from(target_ms))],
             quoted: true,
         });
-        let path = self.out.join("frame_times.png");
         LinePlot {
-            title: format!("Frame times along the flight, {}", self.offline.adapter()),
+            title: format!(
+                "Frame times along the flight, {}",
+                self.film.offline.adapter()
+            ),
             x: Axis::linear("share of the flight"),
             y: Axis::linear("frame time, ms"),
             series,
         }
-        .write(&path)?;
-        println!("{}", shown(&path));
+        .write(&self.film.path("frame_times"))
+        .map_err(StageError::input)?;
+        self.film.wrote("frame_times");
         Ok(())
     }
 
+    /// How steady the flights were, and what is not drawn of the tower.
     fn say(&mut self, flights: &[&Takes], target_ms: f32) {
-        println!("{}", shown(&self.frame_path(0)));
         for takes in flights {
             let times = &takes.times_ms;
             let mean = times.iter().sum::<f64>() / times.len() as f64;
             let variance = times.iter().map(|ms| (ms - mean).powi(2)).sum::<f64>();
             println!(
-                "{}: median {:.0} ms, mean {mean:.0} ms, standard deviation {:.0} ms, longest {:.0} ms ({} frames)",
+                "{}: mean {mean:.0} ms, standard deviation {:.0} ms",
                 takes.name,
-                median(times),
                 (variance / times.len() as f64).sqrt(),
-                times.iter().copied().fold(0.0, f64::max),
-                times.len(),
             );
         }
         println!("target: {target_ms:.0} ms");
         if let Some(counts) = world::landmark_counts(self.world()) {
             println!(
-                "tower: {} of {} nodes and {} of {} triangles inside are not drawn",
+                "tower: {} of {} nodes and {} of {} triangles are not drawn",
                 counts.hidden_nodes, counts.nodes, counts.hidden_triangles, counts.triangles
             );
         }
-        if let Some(effects) = self.offline.app.world().get_resource::<Effects>() {
-            for (effect, state) in effects.iter() {
-                println!("{effect:?}: {state}");
-            }
-        }
     }
+}
+
+fn frame_name(frame: u32) -> String {
+    format!("frame_{frame:04}")
 }
 
 /// What so large a part of the frames does not exceed.
@@ -411,10 +339,6 @@ fn part(times: &[f64], share: f64) -> f64 {
     let at = (share * sorted.len() as f64) as usize;
     let last = sorted.len().saturating_sub(1);
     sorted.get(at.min(last)).copied().unwrap_or_default()
-}
-
-fn median(times: &[f64]) -> f64 {
-    part(times, 0.5)
 }
 
 /// Share of the pixels that are visibly another colour.
@@ -427,18 +351,4 @@ fn differing(a: &RgbImage, b: &RgbImage) -> f64 {
         .filter(|pair| differ(*pair))
         .count();
     count as f64 / f64::from(a.width() * a.height()).max(1.0)
-}
-
-fn shown(path: &Path) -> String {
-    let path = std::path::absolute(path).unwrap_or(path.into());
-    path.display().to_string()
-}
-
-fn save(picture: &RgbImage, path: &Path) -> Result<(), FlyoverError> {
-    picture
-        .save_with_format(path, ImageFormat::Png)
-        .map_err(|error| FlyoverError::Write {
-            path: path.into(),
-            reason: error.to_string(),
-        })
 }

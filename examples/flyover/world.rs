@@ -84,13 +84,8 @@ impl Switches {
     }
 }
 
-/// Fills an empty world. `camera` is what the camera has beside its lens.
-pub fn populate(
-    world: &mut World,
-    field: HeightField,
-    buildings: usize,
-    camera: impl Bundle,
-) -> Census {
+/// Fills an empty world.
+pub fn populate(world: &mut World, field: HeightField, buildings: usize) -> Census {
     let site = Site::find(&field, town::blocks(buildings));
     let painter = Painter::new(&field, &site);
     let colours = ground::colours(&field, &painter);
@@ -108,7 +103,6 @@ pub fn populate(
             sky::lens(),
             path::camera(0.0, &field, &site),
         ))
-        .insert(camera)
         .id();
     let field = world.resource_mut::<Assets<HeightField>>().add(field);
     let terrain = world

@@ -16,7 +16,7 @@ type Example = (
     &'static [&'static str],
 );
 
-const EXAMPLES: [Example; 8] = [
+const EXAMPLES: [Example; 9] = [
     ("minimal", &["Terrain active"], &["minimal"]),
     (
         "terrain",
@@ -72,9 +72,36 @@ const EXAMPLES: [Example; 8] = [
             "spherical_split_paper",
         ],
     ),
+    (
+        "flyover",
+        &[
+            "Terrain active",
+            "TerrainShadow",
+            "ZBufferOcclusion",
+            "ContributionCulling active",
+            "FrameBudget active",
+            "InteriorCulling active",
+            "SphericalIndex",
+            "tower: ",
+        ],
+        &[
+            "flyover_frame_0000",
+            "flyover_frame_0001",
+            "flyover_split_1",
+            "flyover_split_2",
+            "flyover_split_3",
+            "flyover_cut_away",
+            "flyover_contact_sheet",
+            "flyover_frame_times",
+        ],
+    ),
 ];
-/// Plots are as large as plots are.
-const PLOTS: [&str; 1] = ["budget_times"];
+/// Plots are as large as plots are, and a page of pictures as what is on it.
+const PLOTS: [&str; 3] = [
+    "budget_times",
+    "flyover_contact_sheet",
+    "flyover_frame_times",
+];
 const SIZE: (u32, u32) = (160, 90);
 /// Longest that the first thing a newcomer reads may be. units: lines
 const MINIMAL_LINES: usize = 40;
@@ -216,6 +243,7 @@ fn what_cannot_be_is_refused_in_one_line() {
         "budget",
         "interior",
         "spherical",
+        "flyover",
     ] {
         let unread = refusal(name, &["--headless", &file]);
         assert!(unread.contains(&file), "{unread}");
@@ -223,6 +251,7 @@ fn what_cannot_be_is_refused_in_one_line() {
         assert!(missing.contains("no_such_file.glb"), "{missing}");
     }
     refusal("budget", &["--headless", "--target-ms", "NaN"]);
+    refusal("flyover", &["--headless", "--target-ms", "0"]);
     // A folder cannot be made in a file.
     let out = format!("{file}/pictures");
     for (name, small) in [("minimal", None), ("terrain", Some("--small"))] {
