@@ -94,7 +94,7 @@ fn octagon(radius: f32) -> Vec<Vec2> {
 /// All that follows is for a floor of radius 1; heights are in metres.
 fn slab() -> Shape {
     let mut shape = Shape::default();
-    let edge = LinearRgba::gray(0.62);
+    let edge = LinearRgba::rgb(0.30, 0.27, 0.23);
     shape.prism(&octagon(1.012), -0.35, 0.0, edge, edge);
     // Its underside.
     let under: Vec<Vec3> = octagon(1.012)
@@ -147,7 +147,7 @@ fn posts() -> Shape {
 
 fn core() -> Shape {
     let mut shape = Shape::default();
-    let wall = LinearRgba::gray(0.4);
+    let wall = LinearRgba::rgb(0.46, 0.44, 0.40);
     let height = STOREY_M - 0.35;
     // Two lift shafts and a stair between four walls.
     for x in [-0.26_f32, -0.09, 0.08, 0.25] {

@@ -52,7 +52,9 @@ fn rock() -> Mesh {
     let mut noise = FastNoiseLite::with_seed(19);
     noise.set_noise_type(Some(NoiseType::OpenSimplex2));
     noise.set_fractal_type(Some(FractalType::FBm));
-    noise.set_fractal_octaves(Some(6));
+    // No finer than its triangles can show.
+    noise.set_fractal_octaves(Some(4));
+    noise.set_fractal_gain(Some(0.38));
     noise.set_frequency(Some(1.3));
     let mut mesh = Sphere::new(1.0)
         .mesh()
@@ -87,7 +89,8 @@ fn rock() -> Mesh {
         }
     }
     mesh.insert_attribute(Mesh::ATTRIBUTE_COLOR, colours);
-    mesh.compute_normals();
+    mesh.duplicate_vertices();
+    mesh.compute_flat_normals();
     mesh
 }
 
