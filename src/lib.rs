@@ -163,3 +163,25 @@ pub mod prelude {
         terrain_shadow::{ExactLight, ShadowMethod, ShadowedLights, TerrainShadow},
     };
 }
+
+/// Every Rust block of the documents is compiled, and run unless it opens a window.
+#[cfg(doctest)]
+mod documents {
+    macro_rules! documents {
+        ($($name:ident: $path:literal,)*) => {
+            $(#[doc = include_str!($path)] mod $name {})*
+        };
+    }
+    documents! {
+        readme: "../README.md",
+        accuracy: "../docs/accuracy.md",
+        architecture: "../docs/architecture.md",
+        frame_budget: "../docs/frame_budget.md",
+        hard_cases: "../docs/hard_cases.md",
+        interior_culling: "../docs/interior_culling.md",
+        occlusion: "../docs/occlusion.md",
+        spherical_index: "../docs/spherical_index.md",
+        terrain: "../docs/terrain.md",
+        terrain_shadow: "../docs/terrain_shadow.md",
+    }
+}

@@ -9,6 +9,8 @@ mod accuracy_interior;
 mod accuracy_spherical;
 #[path = "it/allocations.rs"]
 mod allocations;
+#[path = "it/architecture.rs"]
+mod architecture;
 #[path = "it/budget_app.rs"]
 mod budget_app;
 #[path = "it/budget_controller.rs"]
@@ -35,11 +37,12 @@ mod contribution;
 mod contribution_app;
 #[path = "it/data.rs"]
 mod data;
+#[path = "it/documents.rs"]
+mod documents;
 #[path = "it/effect_scene.rs"]
 mod effect_scene;
 #[path = "it/effect_toggling.rs"]
 mod effect_toggling;
-#[cfg(all(feature = "cli", feature = "window"))]
 #[path = "it/examples.rs"]
 mod examples;
 #[path = "it/fuzz.rs"]

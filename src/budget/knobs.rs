@@ -168,6 +168,8 @@ impl AppKnobs for App {
                           components: Query<(Entity, &mut C)>| {
             drive(name, on, read, write, knobs, held, cameras, components);
         };
+        // Traces and schedules call it so, instead of a closure of this function.
+        let drive = IntoSystem::into_system(drive).with_name("bevy_skyline::budget::knobs::drive");
         self.add_systems(
             First,
             drive.in_set(BudgetSystems::ApplyKnobs).run_if(is_awake),

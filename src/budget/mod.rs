@@ -63,6 +63,33 @@ use workload::DemandProfile;
 ///
 /// Frame time is the app's, not a camera's: where several active cameras have a budget, the strictest target holds, by
 /// its own clock, and the same is demanded of all of them. A target that is not finite and above 0 asks for nothing.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// let camera = world
+///     .spawn((
+///         Camera3d::default(),
+///         target,
+///         FrameBudget::from_hz(60.0),
+///         // What it may move: each effect on the camera is a knob.
+///         ContributionCulling::default(),
+///         TerrainRayCasting::default(),
+///     ))
+///     .id();
+/// # app.update();
+///
+/// let budget = app.world().get::<BudgetState>(camera).expect("required by the budget");
+/// // No frame has been measured yet, so that no knob is moved.
+/// assert_eq!(budget.status, BudgetStatus::NoMeasurement);
+/// let knobs = app.world().resource::<Knobs>();
+/// assert!(knobs.get("terrain_error").is_some());
+/// ```
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(BudgetState)]

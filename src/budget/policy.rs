@@ -23,6 +23,27 @@ use crate::{
 /// It takes entities out the way contribution culling does, in place of the areas that it compares, and so needs
 /// [`ContributionPlugin`](crate::plugin::ContributionPlugin) and [`BudgetPlugin`](crate::plugin::BudgetPlugin). Where the
 /// camera has no [`ContributionCulling`] it gets one that cuts; the threshold of one that it has does not hold meanwhile.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// # let cube = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(1.0));
+/// let camera = world.spawn((Camera3d::default(), target, WorkloadPolicy::Distance(50.0))).id();
+/// let [near, far] = [40.0, 60.0].map(|distance| {
+///     world.spawn((Mesh3d(cube.clone()), Transform::from_xyz(0.0, 0.0, -distance))).id()
+/// });
+/// # app.update();
+/// # app.update();
+///
+/// let culled = app.world().get::<CulledEntities>(camera).expect("required by the policy");
+/// assert_eq!(culled.reason(near), None);
+/// assert_eq!(culled.reason(far), Some(CullReason::Contribution));
+/// ```
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(ContributionCulling = removes_nothing())]

@@ -56,6 +56,27 @@ use fade::Fades;
 /// Candidates are entities with `Mesh3d`; see [`NoContributionCulling`] for how to leave one out. A
 /// [`FrameBudget`](crate::budget::FrameBudget) on the same camera takes as much more as time demands ([`rank`]), and
 /// never less than the one set here.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// # let cube = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(1.0));
+/// let camera = world.spawn((Camera3d::default(), target, ContributionCulling::default())).id();
+/// // A cube of a metre, 10 m and 1 km ahead.
+/// let near = world.spawn((Mesh3d(cube.clone()), Transform::from_xyz(0.0, 0.0, -10.0))).id();
+/// let far = world.spawn((Mesh3d(cube), Transform::from_xyz(0.0, 0.0, -1000.0))).id();
+/// # app.update();
+/// # app.update();
+///
+/// let culled = app.world().get::<CulledEntities>(camera).expect("required by the culling");
+/// assert_eq!(culled.reason(near), None);
+/// assert_eq!(culled.reason(far), Some(CullReason::Contribution));
+/// ```
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(ContributionCamera, CulledEntities, ContributionCounts)]
@@ -104,6 +125,28 @@ pub enum Exit {
 }
 
 /// On an entity with a mesh: it is never removed by [`ContributionCulling`].
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// # let cube = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(1.0));
+/// let camera = world.spawn((Camera3d::default(), target, ContributionCulling::default())).id();
+/// // Both cover less than a pixel; one is what the player looks for.
+/// let far = Transform::from_xyz(0.0, 0.0, -1000.0);
+/// let stone = world.spawn((Mesh3d(cube.clone()), far)).id();
+/// let beacon = world.spawn((Mesh3d(cube), far, NoContributionCulling)).id();
+/// # app.update();
+/// # app.update();
+///
+/// let culled = app.world().get::<CulledEntities>(camera).expect("required by the culling");
+/// assert_eq!(culled.reason(stone), Some(CullReason::Contribution));
+/// assert_eq!(culled.reason(beacon), None);
+/// ```
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct NoContributionCulling;

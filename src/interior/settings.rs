@@ -36,6 +36,32 @@ use bevy::prelude::*;
 /// - A mesh is handed to the renderer whole: a trimmed one of millions of triangles holds up the frame in which Bevy
 ///   uploads it, as the original did.
 /// - A model within another, with its own `InteriorCulling`, is not part of the outer one.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// # let [housing, gear] = [2.0, 1.0].map(|side| {
+/// #     let mesh = Mesh3d(world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(side)));
+/// #     let paint = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial::default());
+/// #     (mesh, MeshMaterial3d(paint))
+/// # });
+/// // A box with a smaller one in it; a game would have `WorldAssetRoot(assets.load("engine.glb#Scene0"))` here.
+/// let culling = InteriorCulling { grid: Grid::Resolution(16), ..default() };
+/// let engine = world.spawn((Transform::default(), Visibility::default(), culling)).id();
+/// world.spawn((housing, ChildOf(engine)));
+/// let gear = world.spawn((gear, ChildOf(engine))).id();
+///
+/// // It is worked out in the background.
+/// while app.world().get::<InteriorCounts>(engine).is_none() {
+///     app.update();
+/// }
+/// let hidden = app.world().get::<InheritedVisibility>(gear).expect("a mesh has it");
+/// assert!(!hidden.get());
+/// ```
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct InteriorCulling {

@@ -43,6 +43,27 @@ use crate::{
 ///
 /// Occluders are whatever the camera draws opaque, terrain included. Candidates are entities with `Mesh3d` and an
 /// opaque or alpha-masked material; see [`NoOcclusionCulling`] for how to leave one out.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// let camera = world
+///     .spawn((Camera3d::default(), Msaa::Off, target, ZBufferOcclusion::default()))
+///     .id();
+/// # app.update();
+///
+/// // What became of it, for a game to show:
+/// let counts = app.world().get::<OcclusionCounts>(camera).expect("required by the culling");
+/// assert_eq!(counts.removed, 0);
+/// // and why: here there is no GPU, whose depth could tell.
+/// let effects = app.world().resource::<Effects>();
+/// assert!(matches!(effects.occlusion(), EffectState::Unsupported(_)));
+/// ```
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(OcclusionCamera, CulledEntities, OcclusionCounts)]
@@ -130,6 +151,29 @@ pub enum Recheck {
 }
 
 /// On an entity with a mesh: it is never removed by [`ZBufferOcclusion`]. It still hides others.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// # let cube = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(1.0));
+/// world.spawn((Camera3d::default(), Msaa::Off, target, ZBufferOcclusion::default()));
+/// let ahead = Transform::from_xyz(0.0, 0.0, -10.0);
+/// let crate_ = world.spawn((Mesh3d(cube.clone()), ahead)).id();
+/// // Its vertex shader makes it larger than its bound.
+/// let flag = world.spawn((Mesh3d(cube), ahead, NoOcclusionCulling)).id();
+/// # app.update();
+///
+/// // A game can ask whether anybody sees it.
+/// app.add_systems(Update, move |culling: Culling| {
+///     assert!(culling.is_seen(crate_) && culling.is_seen(flag));
+/// });
+/// # app.update();
+/// ```
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct NoOcclusionCulling;

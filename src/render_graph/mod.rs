@@ -2,6 +2,11 @@
 //!
 //! | Pass | Schedule | After | Before | Because |
 //! |---|---|---|---|---|
+//! | `ask::<Terrain>` | `ExtractSchedule` | – | `extract_terrains` | whether anything asks; see [`called`] |
+//! | `ask::<TerrainShadow>` | `ExtractSchedule` | – | `extract_shadows` | whether anything asks; see [`called`] |
+//! | `ask::<ContributionCamera>` | `ExtractSchedule` | – | `extract_contribution` | whether anything asks; see [`called`] |
+//! | `ask::<ZBufferOcclusion>` | `ExtractSchedule` | – | `extract_occlusion` | whether anything asks; see [`called`] |
+//! | `ask::<ResolutionScale>` | `ExtractSchedule` | – | `extract_scales` | whether anything asks; see [`called`] |
 //! | `extract_terrains` | `ExtractSchedule` | – | – | uploads changed heights straight from the asset |
 //! | `extract_shadows` | `ExtractSchedule` | – | – | notes which heights have changed |
 //! | `prepare_terrain_views` | `Render`, `PrepareResources` | – | – | rays, textures, lists |
@@ -11,7 +16,7 @@
 //! | `height_mips` | `RenderGraph` | – | `camera_driver` | views read this frame's pyramid |
 //! | `terrain_shadow` | `RenderGraph` | `height_mips` | `camera_driver` | views read the maps it shows |
 //! | `cast_terrain` | `Core3d`, `Prepass` | `early_prepass` | `early_downsample_depth`, `late_prepass` | rays stop at meshes; terrain is in Bevy's depth pyramid |
-//! | `terrain_cascade` | `Core3d`, `Prepass` | `per_view_shadow_pass` (early) | `early_downsample_depth`, `per_view_shadow_pass` (late), `MainPass` | terrain is among the casters that occlusion culling of lights and shading read |
+//! | `terrain_cascade` | `Core3d` | `per_view_shadow_pass::<EARLY_SHADOW_PASS>` | `early_downsample_depth`, `per_view_shadow_pass::<LATE_SHADOW_PASS>`, `MainPass` | terrain is among the casters that occlusion culling of lights and shading read |
 //! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
 //! | `extract_contribution` | `ExtractSchedule` | – | – | takes over what each camera whose areas the GPU measures has in view, and what changed in the table of candidates |
 //! | `respecialize_dithered` | `ExtractSchedule`, `CheckForChanges` | – | – | what begins or ceases to dither is drawn by other pipelines in this very frame |
@@ -26,14 +31,22 @@
 //! | `keep_late_phases` | `Render`, `Cleanup` | – | – | Bevy drops phases that no camera of the main world stands behind |
 //! | `extract_scales` | `ExtractSchedule` | – | – | lists the cameras that draw fewer pixels |
 //! | `scale_main_passes` | `Render` | `ExtractCommands` | `PrepareAssets`, `PrepareMeshes` | camera and view are extracted by then; all that looks at their viewports comes later |
-//! | `upscale` | `Core3d` | `MainPass`, `wireframe_3d` | `EarlyPostProcess` | what they draw is stretched; post-processing comes at full resolution |
+//! | `upscale` | `Core3d` | `MainPass`, wireframe_3d where there is one | `EarlyPostProcess` | what they draw is stretched; post-processing comes at full resolution |
+//! | `extract_frame` | `ExtractSchedule` | – | – | which frame the frame budget wants timed |
+//! | `begin_render` | `Render` | – | `ExtractCommands` | the schedule's time starts with it |
+//! | `begin_wait` | `Render`, `PrepareViews` | – | `prepare_windows` | waiting for the display is no work |
+//! | `end_wait` | `Render`, `PrepareViews` | `prepare_windows` | – | it has waited |
+//! | `end_render` | `Render` | `PostCleanup` | – | the schedule's time ends with it |
 //! | `note_uploads` | `Render`, `PrepareAssets` | `prepare_assets::<RenderMesh>` | – | meshes of some triangles of others are shown once they can be drawn |
 //! | `unpack_bins` | `UnpackLateBins`, for each late view before any camera | – | – | a late view's draws need what Bevy unpacks for its own |
-//! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass`, the lights' late shadow passes | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; draw commands that the lights still need are not rebuilt before; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
+//! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass`, `per_view_shadow_pass::<LATE_SHADOW_PASS>`, `shared_shadow_pass::<LATE_SHADOW_PASS>` | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; draw commands that the lights still need are not rebuilt before; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
 //! | `recheck::<WithoutPrepass>`, `build_late_main`, `late_opaque` | `Core3d`, `MainPass`, chained | `main_opaque_pass_3d` | `terrain_shade`, `main_transparent_pass_3d` | all that is drawn early is in the depth; pixels drawn late are not lit as terrain; transparency blends over them |
 //!
 //! Of an effect that no entity asks for, nothing runs but the question ([`called`]): `extract_…` and all below are
 //! conditional on its answer, or on what was extracted and is still held.
+//!
+//! A test holds every row against the schedules as they are built, and finds systems that are not in it; the picture of
+//! it is in `docs/architecture.md`. `budget::measure` has the four that time `Render`.
 //!
 //! `terrain_shadow` is one dispatch of `terrain_shadow` or `shadow_sweep`, then `shadow_mips`.
 //! `cast_terrain` is `subdivide`, `box_entry`, `beam`, `ray_cast` for each terrain, then `terrain_depth` for all.

@@ -53,6 +53,24 @@ use bevy::prelude::*;
 /// counts as the nearest bound, what is not a number as 1; either warns once for each camera.
 ///
 /// It does nothing, and says why in one warning, where [`FullSize`] lists a reason.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// let scale = ResolutionScale(0.5);
+/// let camera = world.spawn((Camera3d::default(), target, scale)).id();
+/// # app.update();
+///
+/// // The camera's own viewport stays as it is: culling and picking count in its pixels.
+/// let viewport = app.world().get::<Camera>(camera).and_then(|camera| camera.physical_viewport_size());
+/// assert_eq!(viewport, Some(UVec2::new(1280, 720)));
+/// assert_eq!(scale.drawn_size(UVec2::new(1280, 720)), UVec2::new(640, 360));
+/// ```
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct ResolutionScale(pub f32);

@@ -51,7 +51,7 @@ impl SphericalAppExt for App {
                     .run_if(systems::is_asked_for)
                     .run_if(resource_exists::<Messages<AssetEvent<M>>>)
                     // Which goes by what it finds.
-                    .before(follow::follow_roots)
+                    .before(follow::follow_indexed)
                     .in_set(systems::SphericalSteps::Follow),
             );
         spawn::paint_with::<MeshMaterial3d<M>>(self);

@@ -25,6 +25,34 @@ use super::{Bins, SphericalCounts};
 ///   vertices in common.
 /// - Chunks are entities: of ray casts and picking the one that is hit may be a chunk, the child of what is meant.
 /// - A mesh is worth it from some ten thousand triangles on.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// # let marble = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial::default());
+/// # let globe = Sphere::new(1.0).mesh().uv(128, 64);
+/// # let globe = world.resource_mut::<Assets<Mesh>>().add(globe);
+/// world.spawn((Camera3d::default(), target, Transform::from_xyz(0.0, 0.0, 4.0)));
+/// let globe = world
+///     .spawn((Mesh3d(globe), MeshMaterial3d(marble), SphericalIndex::default()))
+///     .id();
+///
+/// // Its index is made in the background; until then it is drawn whole.
+/// while app.world().get::<SphericalCounts>(globe).is_none_or(|counts| counts.chunks == 0) {
+///     app.update();
+/// }
+/// # for _ in 0..4 {
+/// #     app.update();
+/// # }
+/// let counts = app.world().get::<SphericalCounts>(globe).expect("required by the index");
+/// // The side that is turned away is not drawn.
+/// assert!(counts.drawn_triangles < counts.triangles.into());
+/// ```
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(SphericalCounts)]

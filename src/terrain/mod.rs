@@ -27,6 +27,31 @@ pub use query::{HeightFieldHit, HeightFieldHitF64, HitSide, TerrainHit, TerrainQ
 /// one-sided: from inside the ground nothing of it is seen.
 ///
 /// Removing the component frees everything it used on the GPU.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let mut fields = app.world_mut().resource_mut::<Assets<HeightField>>();
+/// // Or `asset_server.load("alps.png")`.
+/// let hill = HeightField::from_fn(UVec2::splat(65), 10.0, (0.0, 100.0), |x, z| {
+///     100.0 - (x as f32 - 32.0).hypot(z as f32 - 32.0)
+/// })?;
+/// let field = fields.add(hill);
+/// let place = Transform::from_xyz(-320.0, 0.0, -320.0);
+/// app.world_mut().spawn((Terrain::new(field), place));
+///
+/// // What is drawn is what answers.
+/// app.add_systems(Update, |ground: TerrainQuery| {
+///     let (_, height) = ground.height_at(Vec2::ZERO).expect("there is ground");
+///     assert!((height - 100.0).abs() < 0.01);
+/// });
+/// # app.update();
+/// # app.update();
+/// # Ok::<(), bevy_skyline::terrain::HeightFieldError>(())
+/// ```
 #[derive(Component, Reflect, Clone, Debug, Default)]
 #[reflect(Component, Default, Clone, Debug)]
 #[require(Transform, Visibility)]
@@ -116,6 +141,24 @@ impl Default for TerrainColour {
 /// How a camera casts its rays through terrain. Cameras without it use the default.
 ///
 /// Every traversal gives the same picture; they differ in cost. `docs/terrain.md` has the measured table.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// # let target = headless::target();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// // A camera for a photograph: the exact surface, whatever it costs.
+/// let casting = TerrainRayCasting { max_error_px: 0.0, ..default() };
+/// let camera = world.spawn((Camera3d::default(), Msaa::Off, target, casting)).id();
+/// # app.update();
+///
+/// // Without a `FrameBudget` on the camera nothing moves the setting.
+/// let casting = app.world().get::<TerrainRayCasting>(camera);
+/// assert_eq!(casting.map(|casting| casting.max_error_px), Some(0.0));
+/// ```
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct TerrainRayCasting {

@@ -22,6 +22,28 @@ pub const MOST_STRIPS: u32 = 16;
 /// Lights are Bevy's own `DirectionalLight`, `PointLight` and `SpotLight` entities.
 ///
 /// Removing the component frees everything it used on the GPU.
+///
+/// ```
+/// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
+/// # let mut app = headless::app();
+/// use bevy::prelude::*;
+/// use bevy_skyline::prelude::*;
+///
+/// # let world = app.world_mut();
+/// # let field = HeightField::from_fn(UVec2::splat(9), 10.0, (0.0, 9.0), |x, _| x as f32).expect("a field");
+/// # let field = world.resource_mut::<Assets<HeightField>>().add(field);
+/// let ground = world.spawn((Terrain::new(field), TerrainShadow::default())).id();
+/// // Whose shadow: every light that has shadow maps.
+/// world.spawn(DirectionalLight { shadow_maps_enabled: true, ..default() });
+///
+/// // It may take a quarter of a millisecond a frame, and appears so much later after the sun has moved.
+/// let mut shadow = world.get_mut::<TerrainShadow>(ground).expect("just spawned");
+/// shadow.slice_ms = 0.25;
+/// # app.update();
+/// // Here there is no GPU to make it with, and it says so.
+/// let effects = app.world().resource::<Effects>();
+/// assert!(matches!(effects.terrain_shadow(), EffectState::Unsupported(_)));
+/// ```
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(Terrain)]
@@ -81,6 +103,23 @@ pub enum ShadowedLights {
 /// horizon, whose elevation `f32` rotations know only to about 10⁻⁷ rad, or a light very far away.
 ///
 /// Put on the entity of the light; the transform still shades. Directions are to the light.
+///
+/// ```
+/// # use bevy::math::DVec3;
+/// # use bevy::prelude::*;
+/// # use bevy_skyline::prelude::*;
+/// // A sun in the direction of +X.
+/// let elevation = 0.3_f64;
+/// let to_sun = DVec3::new(elevation.cos(), elevation.sin(), 0.0);
+/// let place = Transform::default().looking_to(-to_sun.as_vec3(), Vec3::Y);
+/// # let mut world = World::new();
+/// let sun = world.spawn((DirectionalLight::default(), place, ExactLight::Direction(to_sun))).id();
+///
+/// let Some(ExactLight::Direction(exact)) = world.get::<ExactLight>(sun) else { unreachable!() };
+/// assert_eq!(exact.y, elevation.sin());
+/// // A rotation in `f32` does not know it so well.
+/// assert!((f64::from(place.back().y) - exact.y).abs() > 1e-10);
+/// ```
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 pub enum ExactLight {

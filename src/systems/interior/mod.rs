@@ -94,7 +94,7 @@ pub(crate) fn register(app: &mut App) {
             PostUpdate,
             (
                 follow_device,
-                watch::follow_roots,
+                watch::follow_models,
                 watch::watch_parts,
                 apply::restore_parts,
                 advance::advance_models,

@@ -46,7 +46,7 @@ pub(super) fn is_shown(root: Entity, above: &Query<AboveQuery>) -> bool {
 }
 
 /// Takes up the models that begin to ask for it or ask for something else, and lets go of those that don't any more.
-pub fn follow_roots(
+pub fn follow_models(
     mut models: ResMut<InteriorModels>,
     roots: Query<RootQuery>,
     mut removed: RemovedComponents<InteriorCulling>,

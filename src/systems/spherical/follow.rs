@@ -67,7 +67,7 @@ impl Losses<'_, '_> {
 
 /// See the [module](self).
 #[expect(clippy::too_many_arguments, reason = "each is a kind of change")]
-pub fn follow_roots(
+pub fn follow_indexed(
     mut models: ResMut<SphericalModels>,
     roots: Query<RootQuery>,
     changed: Query<Entity, Changes>,

@@ -67,7 +67,7 @@ pub(crate) fn register(app: &mut App) {
         .add_systems(
             PostUpdate,
             (
-                follow::follow_roots.in_set(SphericalSteps::Follow),
+                follow::follow_indexed.in_set(SphericalSteps::Follow),
                 (models::advance_indices, spawn::spawn_chunks)
                     .chain()
                     .in_set(SphericalSteps::Make),
