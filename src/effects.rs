@@ -35,19 +35,22 @@ pub enum Effect {
     InteriorCulling,
     /// Spherical index of meshes (P3).
     SphericalIndex,
+    /// Resolution scale of the main passes.
+    ResolutionScale,
     /// The frame budget that moves the others' knobs (P4 and beyond).
     FrameBudget,
 }
 
 impl Effect {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Terrain,
         Self::TerrainShadow,
         Self::ZBufferOcclusion,
         Self::ContributionCulling,
         Self::InteriorCulling,
         Self::SphericalIndex,
+        Self::ResolutionScale,
         Self::FrameBudget,
     ];
 
@@ -60,7 +63,7 @@ impl Effect {
             }
             Self::InteriorCulling => ("interior", cfg!(feature = "interior")),
             Self::SphericalIndex => ("spherical", cfg!(feature = "spherical")),
-            Self::FrameBudget => ("budget", cfg!(feature = "budget")),
+            Self::ResolutionScale | Self::FrameBudget => ("budget", cfg!(feature = "budget")),
         }
     }
 
@@ -159,6 +162,11 @@ impl Effects {
     /// State of the spherical indices of meshes.
     pub fn spherical(&self) -> &EffectState {
         self.state(Effect::SphericalIndex)
+    }
+
+    /// State of resolution scale.
+    pub fn resolution_scale(&self) -> &EffectState {
+        self.state(Effect::ResolutionScale)
     }
 
     /// State of the frame budget.

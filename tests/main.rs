@@ -45,6 +45,8 @@ mod effect_scene;
 mod effect_toggling;
 #[path = "it/examples.rs"]
 mod examples;
+#[path = "it/fits_in.rs"]
+mod fits_in;
 #[path = "it/fuzz.rs"]
 mod fuzz;
 #[path = "it/glb.rs"]

@@ -1,8 +1,9 @@
 //! What a frame took: of the main world, of the render world, of the GPU.
 //!
 //! Work is timed, not waiting: the main world from the start of `First` to the end of `Last`; the render world from the
-//! start to the end of its schedule, less the acquisition of the window's next image, in which it waits for the
-//! display; the GPU by the spans of Bevy's `RenderDiagnosticsPlugin`, where it is added and the GPU has timestamps.
+//! start of its schedule to its cleaning up, in which frame limiters sleep, less the acquisition of the window's next
+//! image, in which it waits for the display; the GPU by the spans of Bevy's `RenderDiagnosticsPlugin`, where it is
+//! added and the GPU has timestamps.
 //! Where the render world has a thread of its own (`PipelinedRenderingPlugin`) the longest of the three is the frame's
 //! time; else the first two follow each other and count together.
 //!
@@ -216,14 +217,17 @@ pub(crate) fn add_render_timer(app: &mut App) {
         .add_systems(
             Render,
             (
-                // All of the schedule lies between the first and the last.
+                // All that draws lies between the first and the last. What comes after, in `Cleanup`, is little, and
+                // limiters such as `bevy_framepace`'s sleep there.
                 begin_render.before(RenderSystems::ExtractCommands),
                 (
                     begin_wait.before(prepare_windows),
                     end_wait.after(prepare_windows),
                 )
                     .in_set(RenderSystems::PrepareViews),
-                end_render.after(RenderSystems::PostCleanup),
+                end_render
+                    .after(RenderSystems::Render)
+                    .before(RenderSystems::Cleanup),
             )
                 .run_if(is_timed),
         );

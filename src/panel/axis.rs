@@ -78,9 +78,9 @@ impl Axis {
             Scale::Linear => {
                 let mut step = round_up((self.most - self.least) / wanted as f64);
                 let ends = |step: f64| ((self.least / step).ceil(), (self.most / step).floor());
-                // A short axis far from 0 may lie between two round numbers.
+                // A short axis far from 0 may lie between two round numbers. Of the next smaller step at most two do.
                 while ends(step).0 > ends(step).1 {
-                    step = round_up(step / 4.0);
+                    step = round_up(step / 2.5);
                 }
                 let (first, last) = ends(step);
                 // Multiples, not sums: no tick is a hair beside its number.
@@ -172,6 +172,14 @@ mod tests {
             assert!(!axis.ticks(3).is_empty(), "{value}");
         }
         assert_eq!(Axis::over([].into_iter()), None);
+    }
+
+    #[test]
+    fn between_two_round_numbers_there_are_no_more_ticks_than_wanted() {
+        let axis = Axis::over([238_970.8, 375_766.8].into_iter()).unwrap();
+        assert_eq!(axis.ticks(1), [300_000.0]);
+        let axis = Axis::over([5_300.0, 9_600.0].into_iter()).unwrap();
+        assert_eq!(axis.ticks(1), [6_000.0, 8_000.0]);
     }
 
     #[test]

@@ -126,8 +126,9 @@ pub struct EffectRow {
 }
 
 /// Every effect, in the panel's order.
-const EFFECTS: [Effect; 7] = [
+const EFFECTS: [Effect; Effect::ALL.len()] = [
     Effect::FrameBudget,
+    Effect::ResolutionScale,
     Effect::ContributionCulling,
     Effect::ZBufferOcclusion,
     Effect::InteriorCulling,
@@ -142,6 +143,7 @@ impl EffectRow {
         // Without a wildcard: a new effect has to be put into the panel's order too.
         match self.effect {
             Effect::FrameBudget => "Frame budget",
+            Effect::ResolutionScale => "Resolution scale",
             Effect::ContributionCulling => "Contribution culling",
             Effect::ZBufferOcclusion => "Z-buffer occlusion",
             Effect::InteriorCulling => "Interior culling",

@@ -36,7 +36,7 @@
 //! | `begin_render` | `Render` | – | `ExtractCommands` | the schedule's time starts with it |
 //! | `begin_wait` | `Render`, `PrepareViews` | – | `prepare_windows` | waiting for the display is no work |
 //! | `end_wait` | `Render`, `PrepareViews` | `prepare_windows` | – | it has waited |
-//! | `end_render` | `Render` | `PostCleanup` | – | the schedule's time ends with it |
+//! | `end_render` | `Render` | `render_system` | `Cleanup` | all that draws has; limiters sleep in `Cleanup` |
 //! | `note_uploads` | `Render`, `PrepareAssets` | `prepare_assets::<RenderMesh>` | – | meshes of some triangles of others are shown once they can be drawn |
 //! | `unpack_bins` | `UnpackLateBins`, for each late view before any camera | – | – | a late view's draws need what Bevy unpacks for its own |
 //! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass`, `per_view_shadow_pass::<LATE_SHADOW_PASS>`, `shared_shadow_pass::<LATE_SHADOW_PASS>` | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; draw commands that the lights still need are not rebuilt before; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |

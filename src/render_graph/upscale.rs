@@ -7,6 +7,8 @@
 //! would be those of the whole viewport. Bevy extracts camera and view anew each frame, and `upscale` gives the camera
 //! its viewport back for the passes after it.
 
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
 use bevy::{
     camera::{MainPassResolutionOverride, Viewport},
     core_pipeline::{
@@ -19,6 +21,7 @@ use bevy::{
         ContactShadows, ScreenSpaceAmbientOcclusion, ScreenSpaceReflections,
         wireframe::wireframe_3d,
     },
+    platform::time::Instant,
     prelude::*,
     render::{
         Extract, ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup,
@@ -45,11 +48,13 @@ use crate::resolution::{FullSize, ResolutionScale};
 
 /// Adds the pass to the render app. An app that renders nothing has no use for it.
 pub(crate) fn add_upscale_pass(app: &mut App) {
+    let stats = app.world_mut().get_resource_or_init::<ScaleStats>().clone();
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };
     called::init::<ResolutionScale>(render_app);
     render_app
+        .insert_resource(stats)
         .init_resource::<ExtractedScales>()
         .init_gpu_resource::<Upscalers>()
         .add_systems(RenderStartup, init_upscale_pipelines)
@@ -81,6 +86,34 @@ pub(crate) fn add_upscale_pass(app: &mut App) {
                 .before(Core3dSystems::EarlyPostProcess)
                 .run_if(any_scaled),
         );
+}
+
+/// What the render world tells the main world.
+#[derive(Resource, Clone, Default)]
+pub struct ScaleStats(Arc<Mutex<ScaleWork>>);
+
+/// See [`ScaleStats`]; of the last frame that a camera asked in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ScaleWork {
+    /// Cameras that were drawn with fewer pixels.
+    pub cameras: u32,
+    /// Of one of them, what was drawn and what that was stretched to. units: px
+    pub size: (UVec2, UVec2),
+    /// Why another was not.
+    pub refused: Option<FullSize>,
+    /// Whether the pass was still being compiled.
+    pub compiling: bool,
+    /// GPU memory held. units: bytes
+    pub bytes: u64,
+    /// Time to make it ready. units: ms
+    pub cpu_ms: f32,
+}
+
+impl ScaleStats {
+    /// Looks or changes.
+    pub fn lock(&self) -> MutexGuard<'_, ScaleWork> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// Cameras that ask for fewer pixels; refilled in place every frame.
@@ -132,8 +165,14 @@ type ScaledCamera<'w> = (
 /// Lists the cameras whose scale is below 1 and can be followed; warns once of each that cannot.
 pub fn extract_scales(
     mut extracted: ResMut<ExtractedScales>,
+    stats: Res<ScaleStats>,
     cameras: Extract<Query<ScaledCamera<'static>>>,
 ) {
+    let mut stats = stats.lock();
+    *stats = ScaleWork {
+        bytes: stats.bytes,
+        ..default()
+    };
     let ExtractedScales {
         cameras: asked,
         warned,
@@ -179,7 +218,10 @@ pub fn extract_scales(
         .into_iter()
         .find_map(|(holds, why)| holds.then_some(why));
         match why {
-            Some(why) => refuse(warned, main, why),
+            Some(why) => {
+                stats.refused = Some(why);
+                refuse(warned, main, why);
+            }
             None => asked.push(ExtractedScale {
                 main,
                 render,
@@ -328,6 +370,7 @@ pub fn scale_main_passes(
     mut extracted: ResMut<ExtractedScales>,
     mut upscalers: ResMut<Upscalers>,
     mut pipelines: ResMut<UpscalePipelines>,
+    stats: Res<ScaleStats>,
     mut cameras: Query<(
         &mut ExtractedCamera,
         &mut ExtractedView,
@@ -339,6 +382,8 @@ pub fn scale_main_passes(
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
 ) {
+    let start = Instant::now();
+    let mut stats = stats.lock();
     let ExtractedScales {
         cameras: asked,
         warned,
@@ -354,6 +399,7 @@ pub fn scale_main_passes(
             continue;
         };
         if given.as_ref().map(|given| given.0) != own.as_ref().map(|own| own.0) {
+            stats.refused = Some(FullSize::Overridden);
             refuse(warned, asked.main, FullSize::Overridden);
             continue;
         }
@@ -365,6 +411,7 @@ pub fn scale_main_passes(
             continue;
         }
         let Some(pipeline) = pipelines.ready(&cache, view.target_format) else {
+            stats.compiling = true;
             continue;
         };
         let origin = view.viewport.xy();
@@ -394,6 +441,8 @@ pub fn scale_main_passes(
         if upscaler.stretch != stretch {
             queue.write_buffer(&upscaler.buffer, 0, bytemuck::bytes_of(&stretch));
         }
+        stats.cameras += 1;
+        stats.size = (drawn, size);
         upscaler.live = true;
         (upscaler.drawn, upscaler.stretch, upscaler.pipeline) = (drawn, stretch, pipeline);
         upscaler.viewport.clone_from(&camera.viewport);
@@ -411,6 +460,7 @@ pub fn scale_main_passes(
         part.physical_size = drawn;
     }
     upscalers.retain(|_, upscaler| upscaler.live);
+    stats.bytes = upscalers.values().map(|of| of.buffer.size()).sum();
     for entity in &held {
         if upscalers.contains_key(&entity) {
             continue;
@@ -425,6 +475,7 @@ pub fn scale_main_passes(
         }
         entity_commands.remove::<MainPassResolutionOverride>();
     }
+    stats.cpu_ms = start.elapsed().as_secs_f32() * 1e3;
 }
 
 /// Stretches the drawn part over the viewport, and gives the camera its viewport back.

@@ -52,7 +52,8 @@ use bevy::prelude::*;
 /// 1 draws all and costs nothing; 0.5 draws a quarter of the pixels. range: 0.25..=1, default: 1. What lies outside
 /// counts as the nearest bound, what is not a number as 1; either warns once for each camera.
 ///
-/// It does nothing, and says why in one warning, where [`FullSize`] lists a reason.
+/// It does nothing, and says why in one warning and in [`Effects`](crate::effects::Effects), where [`FullSize`] lists a
+/// reason.
 ///
 /// ```
 /// # mod headless { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/src/doc_app.rs")); }
@@ -133,15 +134,22 @@ pub enum FullSize {
     BevysOcclusionCulling,
 }
 
-impl core::fmt::Display for FullSize {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::Overridden => "it already has a `MainPassResolutionOverride` from elsewhere: use one of the two",
-            Self::NotCore3d => "it is not drawn by `Core3d`: use `Camera3d` with its own render graph",
+impl FullSize {
+    /// The reason and its remedy, as said of the camera.
+    pub const fn reason(self) -> &'static str {
+        match self {
+            Self::Overridden => {
+                "it already has a `MainPassResolutionOverride` from elsewhere: use one of the two"
+            }
+            Self::NotCore3d => {
+                "it is not drawn by `Core3d`: use `Camera3d` with its own render graph"
+            }
             Self::DrawsOverOthers => {
                 "it draws over what is there already (`ClearColorConfig::None`): give it a clear colour"
             }
-            Self::Jitters => "it has `TemporalJitter` (TAA, DLSS), which puts frames together by their pixels: use one of the two",
+            Self::Jitters => {
+                "it has `TemporalJitter` (TAA, DLSS), which puts frames together by their pixels: use one of the two"
+            }
             Self::MotionVectors => {
                 "it has `MotionVectorPrepass`, whose readers expect the whole viewport: use one of the two"
             }
@@ -160,7 +168,13 @@ impl core::fmt::Display for FullSize {
             Self::BevysOcclusionCulling => {
                 "it has Bevy's `OcclusionCulling`, which reads depth of the whole target: use `ZBufferOcclusion` instead"
             }
-        })
+        }
+    }
+}
+
+impl core::fmt::Display for FullSize {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.reason())
     }
 }
 

@@ -18,9 +18,11 @@ pub(crate) mod gather;
 pub mod interior;
 #[cfg(feature = "culling")]
 pub mod occlusion;
+#[cfg(feature = "budget")]
+pub mod resolution;
 #[cfg(any(feature = "interior", feature = "spherical"))]
 pub(crate) mod slice;
-#[cfg(any(feature = "culling", feature = "terrain"))]
+#[cfg(any(feature = "budget", feature = "culling", feature = "terrain"))]
 pub(crate) mod spans;
 #[cfg(feature = "spherical")]
 pub mod spherical;

@@ -31,19 +31,20 @@ const SIZE: UVec2 = UVec2::new(64, 64);
 pub const SAMPLES: u32 = 32;
 
 /// Every effect.
-pub const EFFECTS: [Effect; 7] = [
+pub const EFFECTS: [Effect; 8] = [
     Effect::Terrain,
     Effect::TerrainShadow,
     Effect::ZBufferOcclusion,
     Effect::ContributionCulling,
     Effect::InteriorCulling,
     Effect::SphericalIndex,
+    Effect::ResolutionScale,
     Effect::FrameBudget,
 ];
 
 /// Which effects are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Asked(u8);
+pub struct Asked(u16);
 
 impl Asked {
     pub const NONE: Self = Self(0);
@@ -56,7 +57,7 @@ impl Asked {
             effects
                 .iter()
                 .map(bit)
-                .fold(0, |all: u8, bit: u8| all | bit),
+                .fold(0, |all: u16, bit: u16| all | bit),
         )
     }
 
@@ -85,7 +86,7 @@ impl fmt::Display for Asked {
             .collect();
         f.pad(&match names.len() {
             0 => "none".to_owned(),
-            7 => "all".to_owned(),
+            8 => "all".to_owned(),
             _ => names.join(" + "),
         })
     }
@@ -301,14 +302,14 @@ impl Scene {
                         ..default()
                     });
                 }
+                Effect::ResolutionScale => {
+                    world.entity_mut(camera).insert(ResolutionScale(0.5));
+                }
                 Effect::FrameBudget => {
-                    world.entity_mut(camera).insert((
-                        FrameBudget {
-                            clock: BudgetClock::Given,
-                            ..FrameBudget::from_ms(16.0)
-                        },
-                        ResolutionScale(0.5),
-                    ));
+                    world.entity_mut(camera).insert(FrameBudget {
+                        clock: BudgetClock::Given,
+                        ..FrameBudget::from_ms(16.0)
+                    });
                 }
             }
         }
@@ -427,7 +428,7 @@ impl Scene {
                     let counts = self.world().get::<OcclusionCounts>(self.camera);
                     counts.is_some_and(|counts| counts.removed > 0)
                 }
-                Effect::FrameBudget => {
+                Effect::ResolutionScale => {
                     let scaled = &self.render_world().resource::<Upscalers>().cameras;
                     matches!(state, EffectState::Active(_)) && !scaled.is_empty()
                 }
@@ -576,13 +577,13 @@ fn sets_that_differ_are_told_apart() {
 #[test]
 fn the_matrix_is_none_each_alone_each_pair_and_all() {
     let rows = Asked::matrix();
-    assert_eq!(rows.len(), 1 + 7 + 21 + 1);
+    assert_eq!(rows.len(), 1 + 8 + 28 + 1);
     let different: BTreeSet<_> = rows.iter().collect();
     assert_eq!(different.len(), rows.len());
     let sizes = rows
         .iter()
         .map(|row| EFFECTS.iter().filter(|e| row.has(**e)).count());
-    let mut by_size = [0; 8];
+    let mut by_size = [0; 9];
     sizes.for_each(|size| by_size[size] += 1);
-    assert_eq!(by_size, [1, 7, 21, 0, 0, 0, 0, 1]);
+    assert_eq!(by_size, [1, 8, 28, 0, 0, 0, 0, 0, 1]);
 }

@@ -12,7 +12,7 @@ use bevy::{
 
 use crate::{
     allocations,
-    effect_scene::{Asked, Scene},
+    effect_scene::{Asked, EFFECTS, Scene},
 };
 
 /// How often all effects come and go.
@@ -44,7 +44,7 @@ fn work_once(scene: &mut Scene) -> u64 {
 /// What is there once nothing is on its way any more.
 fn at_rest(scene: &mut Scene) -> BTreeMap<&'static str, u64> {
     scene.steps(20);
-    assert_eq!(scene.bytes(), [0; 7]);
+    assert_eq!(scene.bytes(), [0; EFFECTS.len()]);
     assert!(scene.allocations().is_empty(), "{:?}", scene.allocations());
     scene.holdings()
 }

@@ -32,7 +32,15 @@ pub fn eye(from: Vec3, at: Vec3) -> Transform {
 impl Scene {
     /// A wall across the view, and behind it a field of boxes, each of its own colour, some alone, some in groups.
     pub fn new<B: Bundle>(settings: ZBufferOcclusion, camera: impl Fn() -> B) -> Option<Self> {
-        let mut offline = crate::device()?;
+        Some(Self::within(crate::device()?, settings, camera))
+    }
+
+    /// The same in an app that is there already.
+    pub fn within<B: Bundle>(
+        mut offline: Offline,
+        settings: ZBufferOcclusion,
+        camera: impl Fn() -> B,
+    ) -> Self {
         let pictures = [offline.target(SIZE), offline.target(SIZE)];
         let place = eye(Vec3::new(0.0, 2.0, 20.0), Vec3::new(0.0, 2.0, 0.0));
         let culling = offline.camera(&pictures[0], (place, camera(), settings));
@@ -89,14 +97,14 @@ impl Scene {
                 boxes.push(new.id());
             }
         }
-        Some(Self {
+        Self {
             offline,
             culling,
             plain,
             pictures,
             wall,
             boxes,
-        })
+        }
     }
 
     pub fn look(&mut self, place: Transform) {
@@ -144,7 +152,7 @@ pub fn always() -> ZBufferOcclusion {
 
 /// Steps through a fixed motion and compares every frame. Returns the most that were removed at once, and how many
 /// were drawn late in all.
-fn compare_motion(scene: &mut Scene, frames: usize) -> (u32, u32) {
+pub fn compare_motion(scene: &mut Scene, frames: usize) -> (u32, u32) {
     let (mut most, mut rescued, mut shown) = (0, 0, 0);
     for frame in 0..frames {
         let t = frame as f32;

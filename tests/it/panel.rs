@@ -306,7 +306,7 @@ fn effects_stand_in_one_order_with_their_reasons() {
     }
     let world = offline.app.world();
     let rows = &world.resource::<PanelData>().effects;
-    assert_eq!(rows.len(), 7);
+    assert_eq!(rows.len(), Effect::ALL.len());
     let effects = world.resource::<Effects>();
     for EffectRow { effect, state } in rows {
         assert_eq!(state, effects.state(*effect));

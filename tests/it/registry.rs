@@ -17,8 +17,8 @@ use bevy_skyline::{
 use crate::effect_scene::{Asked, EFFECTS, SAMPLES, Scene, differences};
 use Effect::{
     ContributionCulling as Contribution, FrameBudget as Budget, InteriorCulling as Interior,
-    SphericalIndex as Spherical, Terrain as Ground, TerrainShadow as Shadow,
-    ZBufferOcclusion as Occlusion,
+    ResolutionScale as Scale, SphericalIndex as Spherical, Terrain as Ground,
+    TerrainShadow as Shadow, ZBufferOcclusion as Occlusion,
 };
 
 /// A software driver rounds what it allocates up by so much on average: buffers to 64 bytes, rows of textures, too, and
@@ -61,8 +61,7 @@ const EACH_FRAME: [(&[&str], &[Effect], &[Effect]); 5] = [
         &[Contribution],
         &[Occlusion, Budget],
     ),
-    // The budget's resolution scale.
-    (&["upscale"], &[Budget], &[]),
+    (&["upscale"], &[Scale], &[]),
 ];
 
 /// Which passes run once, when their effects come.
@@ -347,7 +346,7 @@ fn states_are_told(scene: &Scene, asked: Asked) {
                     "{asked}: {effect:?} {cpu_ms}"
                 );
                 let on_gpu = match effect {
-                    Ground | Occlusion => true,
+                    Ground | Occlusion | Scale => true,
                     Contribution => scene.is_measured_by_gpu(asked),
                     _ => false,
                 };
@@ -396,15 +395,15 @@ fn bytes_are_told(scene: &mut Scene, asked: Asked, mesh_bytes: u64) {
         (Contribution, scene.is_measured_by_gpu(asked)),
         (Interior, asked.has(Interior)),
         (Spherical, asked.has(Spherical)),
+        (Scale, asked.has(Scale)),
         (Budget, false),
     ] {
         assert_eq!(bytes(effect) > 0, on_gpu, "{asked}: {effect:?}");
     }
     let made = scene.mesh_bytes() - mesh_bytes;
     assert_eq!(bytes(Interior) + bytes(Spherical), made, "{asked}");
-    // Meshes are in Bevy's own buffers. The scale's numbers are the one thing that no effect counts.
-    let scale = if asked.has(Budget) { 32 } else { 0 };
-    let told = EFFECTS.into_iter().map(bytes).sum::<u64>() - made + scale;
+    // Meshes are in Bevy's own buffers.
+    let told = EFFECTS.into_iter().map(bytes).sum::<u64>() - made;
     let given: u64 = allocations.iter().map(|(_, bytes)| bytes).sum();
     assert!(told <= given, "{asked}: {told} bytes told, {given} given");
     // Other drivers round textures up to whatever suits them.

@@ -32,9 +32,10 @@ use bevy_skyline::{
     prelude::*,
     reference::upscale::{LinearPicture, stretch, stretch_error},
     render_graph::{
-        upscale::{UpscalePipelines, Upscalers, scale_main_passes},
+        upscale::{GpuStretch, UpscalePipelines, Upscalers, scale_main_passes},
         view::TerrainViews,
     },
+    resolution::FullSize,
 };
 use image::RgbaImage;
 
@@ -788,6 +789,11 @@ fn what_cannot_be_stretched_is_drawn_in_full() {
         let camera = offline.camera(&target, camera);
         settle(offline);
         assert_eq!(work(offline), (0, 0, 0, 0), "{name}");
+        let told = state(offline);
+        assert!(
+            told.starts_with("idle: it ") && told.contains(": "),
+            "{name}: {told}"
+        );
         offline.app.world_mut().despawn(camera);
         offline.step();
     }
@@ -807,6 +813,74 @@ fn what_cannot_be_stretched_is_drawn_in_full() {
     stays_full(offline, "fog", VolumetricFog::default());
     stays_full(offline, "culling", (DepthPrepass, OcclusionCulling));
     stays_full(offline, "reflections", ScreenSpaceReflections::default());
+}
+
+/// What users are told.
+fn state(offline: &Offline) -> String {
+    let effects = offline.app.world().resource::<Effects>();
+    effects.resolution_scale().to_string()
+}
+
+#[test]
+fn what_it_does_is_told_in_words() {
+    let Some((mut offline, _)) = scene() else {
+        return;
+    };
+    settle(&mut offline);
+    assert!(state(&offline).starts_with("dormant"));
+    let target = offline.target(SIZE);
+    let camera = offline.camera(&target, (plain(), Msaa::Off, ResolutionScale(1.0)));
+    settle(&mut offline);
+    assert_eq!(
+        state(&offline),
+        "idle: its scale is 1: all pixels are drawn"
+    );
+    let scale = |offline: &mut Offline, to| {
+        let world = offline.app.world_mut();
+        world.entity_mut(camera).insert(ResolutionScale(to));
+        settle(offline);
+    };
+    scale(&mut offline, 0.5);
+    let size = ResolutionScale(0.5).drawn_size(SIZE);
+    let words = format!(
+        "{}×{} of {}×{} pixels drawn",
+        size.x, size.y, SIZE.x, SIZE.y
+    );
+    assert!(state(&offline).contains(&words), "{}", state(&offline));
+    let held = |offline: &Offline| {
+        let effects = offline.app.world().resource::<Effects>();
+        effects.bytes(Effect::ResolutionScale)
+    };
+    assert_eq!(held(&offline), size_of::<GpuStretch>() as u64);
+    // One that cannot be scaled does not hide one that is.
+    let over = Camera {
+        clear_color: ClearColorConfig::None,
+        order: 1,
+        ..default()
+    };
+    let other = offline.camera(&target, (over, Msaa::Off, ResolutionScale(0.5)));
+    settle(&mut offline);
+    let told = state(&offline);
+    assert!(
+        told.contains(&words) && told.contains(FullSize::DrawsOverOthers.reason()),
+        "{told}"
+    );
+    offline.app.world_mut().despawn(other);
+    let world = offline.app.world_mut();
+    world
+        .entity_mut(camera)
+        .get_mut::<Camera>()
+        .unwrap()
+        .is_active = false;
+    settle(&mut offline);
+    assert_eq!(
+        state(&offline),
+        "idle: no camera that asks for it is active"
+    );
+    offline.app.world_mut().despawn(camera);
+    settle(&mut offline);
+    assert!(state(&offline).starts_with("dormant"));
+    assert_eq!(held(&offline), 0);
 }
 
 #[test]
