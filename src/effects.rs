@@ -1,8 +1,11 @@
 //! Which effects a scene calls for, what they are doing, and why: in words a user can read.
 
+use core::mem::{Discriminant, discriminant};
+
 use bevy::{platform::collections::HashMap, prelude::*};
 
-/// Every effect of the suite and the state it is in, updated each frame after rendering was set up.
+/// Every effect of the suite and the state it is in, updated each frame after rendering was set up. It counts as changed
+/// when a state becomes one of another kind: `resource_changed::<Effects>` tells what begins, rests and ends.
 ///
 /// ```
 /// # use bevy::prelude::*;
@@ -185,6 +188,17 @@ impl Effects {
 
     pub(crate) fn hold(&mut self, effect: Effect, bytes: u64) {
         self.held.insert(effect, bytes);
+    }
+}
+
+/// Marks [`Effects`] as changed where a state is of another kind than in the last frame; what writes them does not.
+pub(crate) fn note_changes(
+    mut effects: ResMut<Effects>,
+    mut known: Local<[Option<Discriminant<EffectState>>; Effect::ALL.len()]>,
+) {
+    let now = Effect::ALL.map(|effect| Some(discriminant(effects.state(effect))));
+    if core::mem::replace(&mut *known, now) != now {
+        effects.set_changed();
     }
 }
 

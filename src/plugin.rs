@@ -43,7 +43,7 @@ pub use spherical::SphericalPlugin;
 #[cfg(feature = "terrain")]
 pub use terrain::TerrainPlugin;
 
-use crate::effects::Effects;
+use crate::effects::{Effects, note_changes};
 
 /// Every effect of the suite that is built.
 ///
@@ -81,7 +81,9 @@ pub struct EffectsPlugin;
 
 impl Plugin for EffectsPlugin {
     fn build(&self, app: &mut App) {
-        app.init_resource::<Effects>().register_type::<Effects>();
+        app.init_resource::<Effects>()
+            .register_type::<Effects>()
+            .add_systems(Last, note_changes.after(ReportSystems));
     }
 }
 

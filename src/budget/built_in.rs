@@ -47,7 +47,7 @@ fn register_resolution_scale(app: &mut App) -> Result<(), KnobError> {
                 (0.59, 0.12),
                 (0.5, 0.18),
             ],
-            // Areas are measured in pixels drawn, and so follow by themselves.
+            // Areas are counted in pixels of the whole viewport: what fewer drawn ones save is learned.
             KnobCost::Measured,
         )?,
         KnobOn::Cameras,

@@ -5,7 +5,10 @@
 //! step says: steps that are no cheaper do nothing. A value that someone else writes meanwhile is the new best. When
 //! the budget, its camera or the component goes, what was found is put back, unless it was overwritten since.
 
-use bevy::{ecs::component::Mutable, prelude::*};
+use bevy::{
+    ecs::{component::Mutable, entity::EntityHashMap},
+    prelude::*,
+};
 
 pub use super::knob::{Knob, KnobCost, KnobError, KnobStep};
 use super::{BudgetSystems, FrameBudget, is_awake};
@@ -41,6 +44,13 @@ impl Knobs {
         self.register_absent(knob)?;
         self.set_present(name, true);
         Ok(())
+    }
+
+    /// All that are in the scene go back to their best.
+    pub(crate) fn rest(&mut self) {
+        for knob in &mut self.list[..self.present] {
+            knob.rest();
+        }
     }
 
     pub(crate) fn register_absent(&mut self, mut knob: Knob) -> Result<(), KnobError> {
@@ -163,7 +173,7 @@ impl AppKnobs for App {
         let mut knobs = self.world_mut().get_resource_or_init::<Knobs>();
         knobs.register_absent(knob)?;
         let drive = move |knobs: ResMut<Knobs>,
-                          held: Local<Vec<Held>>,
+                          held: Local<EntityHashMap<Held>>,
                           cameras: Query<(Entity, &Camera), With<FrameBudget>>,
                           components: Query<(Entity, &mut C)>| {
             drive(name, on, read, write, knobs, held, cameras, components);
@@ -181,7 +191,6 @@ impl AppKnobs for App {
 /// A component in the budget's hand.
 #[derive(Clone, Copy, Debug)]
 pub struct Held {
-    entity: Entity,
     /// What the user had there, and what the budget put.
     found: f32,
     put: f32,
@@ -196,7 +205,7 @@ fn drive<C: Component<Mutability = Mutable>>(
     read: fn(&C) -> f32,
     write: fn(&mut C, f32),
     mut knobs: ResMut<Knobs>,
-    mut held: Local<Vec<Held>>,
+    mut held: Local<EntityHashMap<Held>>,
     cameras: Query<(Entity, &Camera), With<FrameBudget>>,
     mut components: Query<(Entity, &mut C)>,
 ) {
@@ -210,12 +219,12 @@ fn drive<C: Component<Mutability = Mutable>>(
             .get(entity)
             .is_ok_and(|(_, camera)| camera.is_active),
     };
-    for entry in held.iter_mut() {
+    for entry in held.values_mut() {
         entry.is_there = false;
     }
     for (entity, mut component) in &mut components {
         let current = read(&component);
-        let known = held.iter_mut().find(|entry| entry.entity == entity);
+        let known = held.get(&entity).copied();
         if !is_held(entity) {
             if let Some(entry) = known
                 && current == entry.put
@@ -225,8 +234,7 @@ fn drive<C: Component<Mutability = Mutable>>(
             }
             continue;
         }
-        let mut entry = known.copied().unwrap_or(Held {
-            entity,
+        let mut entry = known.unwrap_or(Held {
             found: current,
             put: current,
             is_there: true,
@@ -240,15 +248,12 @@ fn drive<C: Component<Mutability = Mutable>>(
             write(&mut component, value);
         }
         entry.put = read(&component);
-        match held.iter_mut().find(|known| known.entity == entity) {
-            Some(known) => *known = entry,
-            None => held.push(entry),
-        }
+        held.insert(entity, entry);
     }
-    held.retain(|entry| entry.is_there);
+    held.retain(|_, entry| entry.is_there);
     // Steps up to here are no cheaper than what any of the users' own settings are.
     let is_idle = |value: f32| {
-        held.iter()
+        held.values()
             .all(|entry| knob.cheaper_of(entry.found, value) == entry.found)
     };
     knob.idle_up_to = knob
@@ -259,7 +264,7 @@ fn drive<C: Component<Mutability = Mutable>>(
         .count();
     let is_present = !held.is_empty();
     if !is_present {
-        *held = Vec::new();
+        *held = EntityHashMap::default();
     }
     knobs.set_present(name, is_present);
 }

@@ -22,6 +22,7 @@ use bevy::{
 };
 
 use super::{Budget, controller::Measured};
+use crate::systems::spans::in_frame;
 
 /// Frames between one and the arrival of its GPU times.
 pub const GPU_AGE: u64 = 3;
@@ -99,18 +100,16 @@ impl FrameTimes {
     /// Takes in the GPU's times, if new ones came: of all spans that lie in no other.
     pub(crate) fn take_gpu(&mut self, store: &DiagnosticsStore, now: u64) {
         let spans = || {
-            store
-                .iter()
-                .filter(|diagnostic| {
-                    let mut path = diagnostic.path().components();
-                    path.next() == Some("render")
-                        && path.next().is_some()
-                        && path.next() == Some("elapsed_gpu")
-                        && path.next().is_none()
-                })
-                .filter_map(|diagnostic| diagnostic.measurement())
+            store.iter().filter(|diagnostic| {
+                let mut path = diagnostic.path().components();
+                path.next() == Some("render")
+                    && path.next().is_some()
+                    && path.next() == Some("elapsed_gpu")
+                    && path.next().is_none()
+            })
         };
-        let Some(newest) = spans().map(|measurement| measurement.time).max() else {
+        let measured = spans().filter_map(|span| span.measurement());
+        let Some(newest) = measured.map(|measurement| measurement.time).max() else {
             return;
         };
         if self.newest_gpu == Some(newest) {
@@ -118,10 +117,7 @@ impl FrameTimes {
         }
         self.newest_gpu = Some(newest);
         self.gpu_came = Some(now);
-        let ms: f64 = spans()
-            .filter(|measurement| measurement.time == newest)
-            .map(|measurement| measurement.value)
-            .sum();
+        let ms: f64 = spans().map(|span| in_frame(span, newest)).sum();
         if let Some(frame) = now.checked_sub(GPU_AGE) {
             self.of(frame, |times| times.gpu = Some(ms as f32));
         }

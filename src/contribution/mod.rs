@@ -90,7 +90,7 @@ pub struct ContributionCulling {
     /// Whether an object's area counts only as far as the depth buffer shows it, where
     /// [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) works on the same camera. default: true
     pub weigh_by_visibility: bool,
-    /// From so many candidates in view on, areas are compared by the GPU. The verdicts are the same, but for
+    /// From so many meshes in view on, areas are compared by the GPU. The verdicts are the same, but for
     /// rounding. default: 50,000
     pub gpu_from: usize,
 }

@@ -207,8 +207,8 @@ impl Groups {
         {
             state.stale = true;
             group = state.parent;
+            self.any_stale = true;
         }
-        self.any_stale = true;
     }
 
     /// Puts a group below another, or below none.

@@ -74,7 +74,7 @@ pub struct ZBufferOcclusion {
     pub sampling: Sampling,
     /// Whether each removed object is tested again against the frame's own depth.
     pub recheck: Recheck,
-    /// From so many candidates in view on, the prediction is made by the GPU. The verdicts are the same.
+    /// From so many meshes in view on, the prediction is made by the GPU. The verdicts are the same.
     /// default: 50,000
     pub gpu_from: usize,
     /// Whether culling rests while it costs more than it saves.

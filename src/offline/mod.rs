@@ -47,6 +47,7 @@ use crate::{
         terrain::Caster,
         view::TerrainViews,
     },
+    systems::spans::in_frame,
     terrain::{
         HeightField, HeightSamples, Terrain, TerrainRayCasting, Traversal,
         view_rays::{ViewInputs, ViewRays},
@@ -522,19 +523,19 @@ impl Offline {
 
     /// GPU time of each span in the last frame it was measured in. units: ms
     pub fn gpu_ms(&self, span: &str) -> Option<f64> {
-        self.app
-            .world()
-            .get_resource::<DiagnosticsStore>()?
-            .get(&DiagnosticPath::new(format!("render/{span}/elapsed_gpu")))?
-            .value()
+        let store = self.app.world().get_resource::<DiagnosticsStore>()?;
+        let path = DiagnosticPath::new(format!("render/{span}/elapsed_gpu"));
+        let span = store.get(&path)?;
+        Some(in_frame(span, span.measurement()?.time))
     }
 
     /// The same, if it came to the main world after `since`.
     pub fn gpu_ms_since(&self, span: &str, since: Instant) -> Option<f64> {
         let store = self.app.world().get_resource::<DiagnosticsStore>()?;
         let path = DiagnosticPath::new(format!("render/{span}/elapsed_gpu"));
-        let newest = store.get(&path)?.measurement()?;
-        (newest.time >= since).then_some(newest.value)
+        let span = store.get(&path)?;
+        let newest = span.measurement()?.time;
+        (newest >= since).then(|| in_frame(span, newest))
     }
 
     /// Casts a camera's rays again, by themselves and waited for: times of subdivide, box_entry, beam and

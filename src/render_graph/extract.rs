@@ -4,12 +4,12 @@ use bevy::{
     asset::AssetId,
     camera::visibility::RenderLayers,
     math::{DAffine3, DMat4},
-    platform::collections::HashMap,
+    platform::collections::{HashMap, HashSet},
     prelude::*,
     render::Extract,
 };
 
-use super::{height_mips::GpuHeightFields, view::MAX_TERRAINS};
+use super::height_mips::GpuHeightFields;
 use crate::{
     precision::affine64,
     terrain::{
@@ -49,6 +49,8 @@ pub struct ExtractedTerrains {
     pub cameras: Vec<ExtractedTerrainCamera>,
     /// Whether every ray of a camera (first) starts in a terrain's (second) air.
     pub in_air: HashMap<(Entity, Entity), bool>,
+    /// Fields that any terrain shows, hidden ones too.
+    shown: HashSet<AssetId<HeightField>>,
 }
 
 /// What is read of a terrain in the main world.
@@ -82,22 +84,20 @@ pub fn extract_terrains(
     extracted.terrains.clear();
     extracted.cameras.clear();
     extracted.in_air.clear();
+    extracted.shown.clear();
     if terrains.is_empty() {
         gpu_fields.retain(|_| false);
         return;
     }
     for (entity, terrain, transform, visible, layers, shadow) in &terrains {
         let id = terrain.height_field.id();
+        extracted.shown.insert(id);
         let Some(field) = fields.get(id) else {
             continue;
         };
         gpu_fields.upload(id, field);
         if !visible.get() {
             continue;
-        }
-        if extracted.terrains.len() == MAX_TERRAINS {
-            warn_once!("more than {MAX_TERRAINS} terrains are visible; the others are not drawn");
-            break;
         }
         let (highest, lowest) = field.pyramid().top();
         extracted.terrains.push(ExtractedTerrain {
@@ -113,11 +113,7 @@ pub fn extract_terrains(
             on_meshes: shadow.is_some_and(|shadow| shadow.on_meshes),
         });
     }
-    gpu_fields.retain(|id| {
-        terrains
-            .iter()
-            .any(|(_, terrain, ..)| terrain.height_field.id() == id)
-    });
+    gpu_fields.retain(|id| extracted.shown.contains(&id));
     for (entity, camera, transform, settings, layers) in &cameras {
         if !camera.is_active {
             continue;
@@ -128,10 +124,14 @@ pub fn extract_terrains(
             layers: layers.cloned().unwrap_or_default(),
         });
         let world_from_view = affine64(transform.affine());
+        let layers = layers.cloned().unwrap_or_default();
         for terrain in &extracted.terrains {
             let Some(field) = fields.get(terrain.field) else {
                 continue;
             };
+            if !terrain.layers.intersects(&layers) {
+                continue;
+            }
             let grid_from_view =
                 terrain.grid_from_local * terrain.world_from_local.inverse() * world_from_view;
             let in_air = near_plane_bounds(camera.clip_from_view(), grid_from_view)

@@ -1,6 +1,6 @@
 //! `height_mips`: the height fields on the GPU, and their pyramids of maxima and minima.
 //!
-//! A field is uploaded while a [`Terrain`](crate::terrain::Terrain) shows it and freed when none does. After
+//! A field is uploaded while a [`Terrain`](crate::terrain::Terrain) has it, hidden or not, and freed when none does. After
 //! an edit only the rectangle is uploaded and only the nodes above it are computed again.
 //!
 //! # Inputs / outputs
@@ -86,12 +86,21 @@ pub struct GpuHeightField {
 pub struct GpuHeightFields {
     fields: HashMap<AssetId<HeightField>, GpuHeightField>,
     /// Fields this GPU cannot hold, and why.
-    pub refused: HashMap<AssetId<HeightField>, String>,
+    refused: HashMap<AssetId<HeightField>, Refused>,
     next_generation: u64,
     /// What they are on. Frames are extracted between the loss of a device and the making of all that is on the next, and
     /// then the render world's is another.
     device: RenderDevice,
     queue: RenderQueue,
+}
+
+/// A field that is not on the GPU.
+struct Refused {
+    /// Which state of it was refused.
+    revision: u64,
+    /// By the driver, which may take it once another field has gone; else by a limit.
+    by_driver: bool,
+    reason: String,
 }
 
 impl FromWorld for GpuHeightFields {
@@ -119,8 +128,16 @@ impl GpuHeightFields {
 
     /// Frees what no terrain shows any more.
     pub fn retain(&mut self, used: impl Fn(AssetId<HeightField>) -> bool) {
+        let before = self.fields.len();
         self.fields.retain(|id, _| used(*id));
-        self.refused.retain(|id, _| used(*id));
+        let is_room = self.fields.len() < before;
+        self.refused
+            .retain(|id, of| used(*id) && !(is_room && of.by_driver));
+    }
+
+    /// Why fields are not on the GPU.
+    pub fn reasons(&self) -> impl Iterator<Item = &String> {
+        self.refused.values().map(|of| &of.reason)
     }
 
     /// Brings one field up to date: uploads what has changed since it was last seen.
@@ -134,9 +151,10 @@ impl GpuHeightFields {
             Some(HeightFieldChanged::Nothing) => return,
             Some(HeightFieldChanged::Rect(rect)) => Some(rect),
             Some(HeightFieldChanged::Everything) => Some(whole(field)),
+            None if self.is_refused(id, field) => return,
             None => match check_limits(field, &self.device.limits()) {
                 Ok(()) => None,
-                Err(reason) => return self.refuse(id, reason),
+                Err(reason) => return self.refuse(id, field, reason, false),
             },
         };
         if edited.is_none() {
@@ -173,15 +191,31 @@ impl GpuHeightFields {
                      or reduce the field",
                     size.x, size.y
                 );
-                self.refuse(id, reason);
+                self.refuse(id, field, reason, true);
             }
         }
     }
 
-    fn refuse(&mut self, id: AssetId<HeightField>, reason: String) {
-        if self.refused.insert(id, reason.clone()).is_none() {
-            error!("{reason}");
-        }
+    /// Whether it is as it was when it was refused: trying again would come to the same.
+    fn is_refused(&self, id: AssetId<HeightField>, field: &HeightField) -> bool {
+        let refused = self.refused.get(&id);
+        refused.is_some_and(|of| of.revision == field.revision())
+    }
+
+    fn refuse(
+        &mut self,
+        id: AssetId<HeightField>,
+        field: &HeightField,
+        reason: String,
+        by_driver: bool,
+    ) {
+        error!("{reason}");
+        let refused = Refused {
+            revision: field.revision(),
+            by_driver,
+            reason,
+        };
+        self.refused.insert(id, refused);
         self.fields.remove(&id);
     }
 }

@@ -13,11 +13,11 @@
 //! | `prepare_terrain_shadows` | `Render`, `PrepareResources` | `prepare_terrain_views` | – | plans what is made of the shadow maps of terrains that some camera draws |
 //! | `prepare_terrain_cascades` | `Render`, `PrepareResources` | `prepare_terrain_views` | – | adds to its counts; the cascades are there since `CreateViews` |
 //! | `prepare_terrain_bind_groups` | `Render`, `PrepareBindGroups` | – | – | binds what is new, queues pipelines |
-//! | `height_mips` | `RenderGraph` | – | `camera_driver` | views read this frame's pyramid |
-//! | `terrain_shadow` | `RenderGraph` | `height_mips` | `camera_driver` | views read the maps it shows |
+//! | `height_mips` | `RenderGraph`, `Render` | `begin_diagnostics_frame` | `camera_driver` | its time is of this frame; views read this frame's pyramid |
+//! | `terrain_shadow` | `RenderGraph`, `Render` | `height_mips` | `camera_driver` | views read the maps it shows |
 //! | `cast_terrain` | `Core3d`, `Prepass` | `early_prepass` | `early_downsample_depth`, `late_prepass` | rays stop at meshes; terrain is in Bevy's depth pyramid |
 //! | `terrain_cascade` | `Core3d` | `per_view_shadow_pass::<EARLY_SHADOW_PASS>` | `early_downsample_depth`, `per_view_shadow_pass::<LATE_SHADOW_PASS>`, `MainPass` | terrain is among the casters that occlusion culling of lights and shading read |
-//! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transparent_pass_3d` | pixels that meshes cover are not lit; transparency blends over terrain |
+//! | `terrain_shade` | `Core3d`, `MainPass` | `main_opaque_pass_3d` | `main_transmissive_pass_3d`, `main_transparent_pass_3d`, `render_sky` | pixels that meshes cover are not lit; transparency blends over terrain |
 //! | `extract_contribution` | `ExtractSchedule` | – | – | takes over what each camera whose areas the GPU measures has in view, and what changed in the table of candidates |
 //! | `respecialize_dithered` | `ExtractSchedule`, `CheckForChanges` | – | – | what begins or ceases to dither is drawn by other pipelines in this very frame |
 //! | `prepare_contribution` | `Render`, `PrepareResources` | – | – | uploads both; which mesh input is which candidate |
@@ -40,7 +40,7 @@
 //! | `note_uploads` | `Render`, `PrepareAssets` | `prepare_assets::<RenderMesh>` | – | meshes of some triangles of others are shown once they can be drawn |
 //! | `unpack_bins` | `UnpackLateBins`, for each late view before any camera | – | – | a late view's draws need what Bevy unpacks for its own |
 //! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass`, `per_view_shadow_pass::<LATE_SHADOW_PASS>`, `shared_shadow_pass::<LATE_SHADOW_PASS>` | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; draw commands that the lights still need are not rebuilt before; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
-//! | `recheck::<WithoutPrepass>`, `build_late_main`, `late_opaque` | `Core3d`, `MainPass`, chained | `main_opaque_pass_3d` | `terrain_shade`, `main_transparent_pass_3d` | all that is drawn early is in the depth; pixels drawn late are not lit as terrain; transparency blends over them |
+//! | `recheck::<WithoutPrepass>`, `build_late_main`, `late_opaque` | `Core3d`, `MainPass`, chained | `main_opaque_pass_3d` | `terrain_shade`, `main_transmissive_pass_3d`, `main_transparent_pass_3d`, `render_sky` | all that is drawn early is in the depth; pixels drawn late are not lit as terrain; glass shows them, transparency blends over them, air lies before them |
 //!
 //! Of an effect that no entity asks for, nothing runs but the question ([`called`]): `extract_…` and all below are
 //! conditional on its answer, or on what was extracted and is still held.
@@ -73,6 +73,8 @@ pub mod mesh_uploads;
 pub mod occludee_verdicts;
 #[cfg(feature = "culling")]
 pub mod occlusion;
+#[cfg(any(feature = "terrain", feature = "culling"))]
+mod order;
 #[cfg(feature = "terrain")]
 pub mod pipelines;
 #[cfg(feature = "terrain")]

@@ -7,12 +7,15 @@ use bevy::{
         prepass::node::{early_prepass, late_prepass},
         schedule::{Core3d, Core3dSystems, camera_driver},
     },
-    pbr::{EARLY_SHADOW_PASS, LATE_SHADOW_PASS, MeshPipelineSystems, per_view_shadow_pass},
+    pbr::{
+        EARLY_SHADOW_PASS, LATE_SHADOW_PASS, MeshPipelineSystems, main_transmissive_pass_3d,
+        per_view_shadow_pass,
+    },
     prelude::*,
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems,
         render_resource::DownlevelFlags,
-        renderer::{RenderAdapter, RenderDevice, RenderGraph},
+        renderer::{RenderAdapter, RenderDevice, RenderGraph, RenderGraphSystems},
         settings::WgpuLimits,
     },
 };
@@ -23,6 +26,7 @@ use super::{
     cascades::{TerrainCascades, prepare_terrain_cascades, terrain_cascade},
     extract::{ExtractedTerrains, extract_terrains},
     height_mips::{GpuHeightFields, height_mips},
+    order::{before_all, over_opaque},
     pipelines::init_terrain_pipelines,
     stats::TerrainStats,
     terrain,
@@ -47,6 +51,7 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
         stats.lock().unsupported = Some(reason);
         return;
     }
+    let over_opaque = over_opaque(render_app);
     called::init::<Terrain>(render_app);
     called::init::<TerrainShadow>(render_app);
     render_app
@@ -104,6 +109,8 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
             )
                 // Rays walk the pyramid; views read what shows.
                 .chain()
+                // Their times are taken as those of cameras are.
+                .in_set(RenderGraphSystems::Render)
                 .before(camera_driver),
         )
         .add_systems(
@@ -125,13 +132,18 @@ pub(crate) fn add_terrain_passes(app: &mut App) {
                     .before(per_view_shadow_pass::<LATE_SHADOW_PASS>)
                     // Which reads the maps.
                     .before(Core3dSystems::MainPass),
-                terrain::terrain_shade
-                    // What meshes cover is not lit.
-                    .after(main_opaque_pass_3d)
-                    // Transparent things blend over the lit terrain.
-                    .before(main_transparent_pass_3d)
-                    .in_set(TerrainShadeSystems)
-                    .in_set(Core3dSystems::MainPass),
+                before_all(
+                    terrain::terrain_shade
+                        // What meshes cover is not lit.
+                        .after(main_opaque_pass_3d)
+                        // Transparent things blend over the lit terrain, glass shows it.
+                        .before(main_transmissive_pass_3d)
+                        .before(main_transparent_pass_3d)
+                        .in_set(TerrainShadeSystems)
+                        .in_set(Core3dSystems::MainPass),
+                    // Air lies before it.
+                    &over_opaque,
+                ),
             )
                 .run_if(is_called_for::<Terrain>),
         );

@@ -165,6 +165,10 @@ pub fn choose(
             item.state.set_if_neq(BudgetState::default());
             item.demand(0.0);
         }
+        // There is no time to move them for.
+        if knobs.iter().any(|knob| knob.at != 0) {
+            knobs.rest();
+        }
         return;
     };
     let began = Instant::now();

@@ -159,6 +159,7 @@ type MarksLost<'w, 's> = (
     RemovedComponents<'w, 's, SkinnedMesh>,
     RemovedComponents<'w, 's, MeshMorphWeights>,
     RemovedComponents<'w, 's, NoAutoAabb>,
+    RemovedComponents<'w, 's, DynamicSkinnedMeshBounds>,
 );
 
 /// What makes [`update_candidates`] look at an entity again, of what every mesh has.
@@ -173,6 +174,7 @@ type FewChanged<'w, 's> = (
     Query<'w, 's, CandidateQuery, Added<NoFrustumCulling>>,
     Query<'w, 's, CandidateQuery, Added<SkinnedMesh>>,
     Query<'w, 's, CandidateQuery, Added<MeshMorphWeights>>,
+    Query<'w, 's, CandidateQuery, Added<DynamicSkinnedMeshBounds>>,
 );
 
 /// Keeps [`Candidates`] as the scene is. While no camera asks for culling the table is empty and this does nothing;
@@ -196,7 +198,15 @@ pub fn update_candidates(
         RemovedComponents<Mesh3d>,
         RemovedComponents<Aabb>,
     ),
-    (mut occludable, mut weighable, mut bounded, mut unskinned, mut unmorphed, mut auto_aabb): MarksLost,
+    (
+        mut occludable,
+        mut weighable,
+        mut bounded,
+        mut unskinned,
+        mut unmorphed,
+        mut auto_aabb,
+        mut unfollowed,
+    ): MarksLost,
 ) {
     let asked = asked_by(&cameras);
     if table.is_kept != asked.is_some() {
@@ -232,19 +242,17 @@ pub fn update_candidates(
             table.groups.leave(slot);
         }
     };
+    for entity in no_mesh.read().chain(no_aabb.read()) {
+        table.remove(entity);
+    }
     if known != asked {
         for item in &everything {
             put(table, item);
         }
-        // All that has been taken away until now has been seen to.
+        // All that has lost its parent until now has been seen to.
         no_parent.clear();
-        no_mesh.clear();
-        no_aabb.clear();
         table.update_ms = began.elapsed().as_secs_f32() * 1e3;
         return;
-    }
-    for entity in no_mesh.read().chain(no_aabb.read()) {
-        table.remove(entity);
     }
     let few = (few.0.iter())
         .chain(few.1.iter())
@@ -252,7 +260,8 @@ pub fn update_candidates(
         .chain(few.3.iter())
         .chain(few.4.iter())
         .chain(few.5.iter())
-        .chain(few.6.iter());
+        .chain(few.6.iter())
+        .chain(few.7.iter());
     for item in changed.iter().chain(few) {
         put(table, item);
     }
@@ -262,7 +271,8 @@ pub fn update_candidates(
         .chain(bounded.read())
         .chain(unskinned.read())
         .chain(unmorphed.read())
-        .chain(auto_aabb.read());
+        .chain(auto_aabb.read())
+        .chain(unfollowed.read());
     for entity in again {
         if let Ok(item) = everything.get(entity) {
             put(table, item);

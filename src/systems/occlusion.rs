@@ -84,6 +84,9 @@ pub fn cull_occluded(
     let gpu_ms = store
         .as_deref()
         .map_or(0.0, |store| paths.0.smoothed_ms(store).unwrap_or(0.0));
+    // What is done for all cameras, or known of all together: each bears its part.
+    let active = cameras.iter().filter(|(camera, ..)| camera.is_active);
+    let shared_ms = (table.update_ms + gpu_ms) / active.count().max(1) as f32;
     for (camera, settings, mut state, mut visible, mut culled, mut counts) in &mut cameras {
         let began = Instant::now();
         culled.occluded.clear();
@@ -107,7 +110,7 @@ pub fn cull_occluded(
         if works && settings.rests {
             let frame = Frame {
                 frame_ms: time.delta_secs() * 1e3,
-                own_ms: table.update_ms + counts.cpu_ms + gpu_ms,
+                own_ms: counts.cpu_ms + shared_ms,
                 in_view: in_list,
                 removed: hidden.unwrap_or(0).saturating_sub(counts.rescued) as usize,
                 // While shaders are compiled nothing can be said of what culling saves.

@@ -37,12 +37,14 @@ struct Order {
     /// By what `Debug` prints.
     sets: BTreeMap<String, Vec<NodeId>>,
     before: BTreeMap<NodeId, Vec<NodeId>>,
+    /// Pairs that may run in either order and touch the same, one of them ours: by their names, with what they touch.
+    conflicts: BTreeSet<(String, String, String)>,
     members: BTreeMap<NodeId, Vec<NodeId>>,
     holders: BTreeMap<NodeId, Vec<NodeId>>,
 }
 
 impl Order {
-    fn of(schedule: &Schedule) -> Self {
+    fn of(schedule: &Schedule, world: &World) -> Self {
         let graph = schedule.graph();
         let mut order = Self::default();
         let mut add = |node: NodeId, full: String, name: String| {
@@ -73,6 +75,26 @@ impl Order {
                     name.to_string(),
                     name.shortname().to_string(),
                 );
+            }
+        }
+        if let Ok(systems) = schedule.systems() {
+            let names: BTreeMap<_, _> = systems
+                .map(|(key, system)| (key, system.name().to_string()))
+                .collect();
+            for (a, b, touched) in &graph.conflicting_systems().0 {
+                let [a, b] = [a, b].map(|of| names.get(of).cloned().unwrap_or_default());
+                if ![&a, &b].iter().any(|of| of.starts_with("bevy_skyline::")) {
+                    continue;
+                }
+                let what = touched
+                    .iter()
+                    .map(|id| match world.components().get_name(*id) {
+                        Some(name) => name.shortname().to_string(),
+                        None => "?".to_owned(),
+                    });
+                let what: Vec<_> = what.collect();
+                let (a, b) = if a < b { (a, b) } else { (b, a) };
+                order.conflicts.insert((a, b, what.join(", ")));
             }
         }
         for (key, set, _) in graph.system_sets.iter() {
@@ -225,7 +247,7 @@ fn schedules() -> Option<BTreeMap<String, Order>> {
     ];
     for world in worlds.into_iter().flatten() {
         for (label, schedule) in world.resource::<Schedules>().iter() {
-            let order = Order::of(schedule);
+            let order = Order::of(schedule, world);
             let name = format!("{label:?}");
             // Of the schedules that are ours, one has a system of Bevy's in it.
             if !order.ours.is_empty() || name == "UnpackLateBins" {
@@ -549,8 +571,8 @@ fn what_is_drawn_or_listed_wrongly_is_noticed() {
             "| `camera_driver` | `height_mips` |",
         ),
         (
-            "| `main_opaque_pass_3d` | `main_transparent_pass_3d` |",
-            "| `main_transparent_pass_3d` | – |",
+            "| `main_opaque_pass_3d` | `main_transmissive_pass_3d`, ",
+            "| `main_transmissive_pass_3d` | ",
         ),
         ("//! | `upscale` ", "//! | `upscaled` "),
         (
@@ -566,4 +588,126 @@ fn what_is_drawn_or_listed_wrongly_is_noticed() {
         let (wrong, _) = wrong_in_table(&with(&passes, from, to), &real);
         assert!(!wrong.is_empty(), "{from} became {to}, and nobody noticed");
     }
+}
+
+/// Pairs that may come in either order: parts of one name, parts of the other, what they touch, and why it is the same.
+const EITHER_ORDER: [(&str, &str, &str, &str); 15] = [
+    (
+        "message_update_system",
+        "bevy_skyline::",
+        "",
+        "it turns messages over that ours do not read there",
+    ),
+    (
+        "knobs::drive",
+        "knobs::drive",
+        "Knobs",
+        "each has a knob of its own",
+    ),
+    (
+        "::report_",
+        "::report_",
+        "Effects",
+        "each has an entry of its own",
+    ),
+    (
+        "note_changes",
+        "panel::data::gather",
+        "Effects",
+        "one looks, the other marks",
+    ),
+    (
+        "bevy_egui::",
+        "panel::draw_panel",
+        "",
+        "egui passes the panel's context over, which is run by hand",
+    ),
+    (
+        "prepare_egui_pass",
+        "render_graph::",
+        "",
+        "it takes the whole world for egui's own",
+    ),
+    (
+        "run_egui_context_pass_loop_system",
+        "spherical::",
+        "",
+        "it takes the whole world for egui's own",
+    ),
+    (
+        "camera_system",
+        "panel::draw_panel",
+        "Camera",
+        "the panel follows its window a frame later",
+    ),
+    (
+        "mark_3d_meshes_as_changed",
+        "systems::",
+        "Mesh3d",
+        "what is marked after they looked they see in the next frame",
+    ),
+    (
+        "check_entities_needing_specialization",
+        "interior::apply",
+        "Mesh3d",
+        "a trimmed mesh has its mesh's layout",
+    ),
+    (
+        "follow_",
+        "follow_",
+        "SphericalModels",
+        "each asks for its own to be looked at",
+    ),
+    (
+        "prepass",
+        "terrain_cascade",
+        "TerrainCascades",
+        "it takes the world for its draws, and reads none of ours",
+    ),
+    (
+        "shared_shadow_pass",
+        "terrain_cascade",
+        "TerrainCascades",
+        "it takes the world for its draws, and reads none of ours",
+    ),
+    (
+        "configure_camera_depth_usages",
+        "make_depth_readable",
+        "Camera3d",
+        "both add to the usages",
+    ),
+    (
+        "prepare_terrain_cascades",
+        "prepare_terrain_shadows",
+        "TerrainPipelines",
+        "each asks for its own pipelines",
+    ),
+];
+
+/// Systems that touch the same, one of them ours, are ordered, or it is said why either order gives the same.
+#[test]
+fn what_touches_the_same_is_in_an_order() {
+    let Some(real) = schedules() else { return };
+    let mut used = [false; EITHER_ORDER.len()];
+    let mut unordered = Vec::new();
+    for (schedule, order) in &real {
+        for (a, b, touched) in &order.conflicts {
+            let is_of = |(one, other, what, _): &(&str, &str, &str, &str)| {
+                let both =
+                    a.contains(one) && b.contains(other) || b.contains(one) && a.contains(other);
+                both && (what.is_empty() || touched == what)
+            };
+            match EITHER_ORDER.iter().position(is_of) {
+                Some(rule) => used[rule] = true,
+                None => unordered.push(format!("{schedule}: {a} and {b} both touch {touched}")),
+            }
+        }
+    }
+    assert!(unordered.is_empty(), "{unordered:#?}");
+    let unused: Vec<_> = used
+        .iter()
+        .zip(EITHER_ORDER)
+        .filter(|(used, _)| !**used)
+        .collect();
+    assert!(unused.is_empty(), "these are in an order now: {unused:?}");
 }

@@ -247,6 +247,33 @@ fn everything_is_given_back() {
     assert_eq!(scene.world().resource::<Budget>().chosen(), chosen);
 }
 
+/// As when the component goes: a knob that nobody moves any more is where the user had it.
+#[test]
+fn without_a_valid_target_everything_is_given_back() {
+    let casting = TerrainRayCasting {
+        max_error_px: 0.75,
+        ..default()
+    };
+    for invalid in [0.0, -3.0, f32::NAN] {
+        let Some(mut scene) = Scene::new((budget(), culling(), casting)) else {
+            return;
+        };
+        // Out of reach, so that every knob moves.
+        for _ in 0..300 {
+            scene.step(0.3);
+            scene.world().resource_mut::<GivenFrameTimes>().last_ms = Some(40.0 * TARGET);
+        }
+        assert!(scene.get::<TerrainRayCasting>().max_error_px > 0.75);
+        let camera = scene.camera;
+        let mut budget = scene.world().get_mut::<FrameBudget>(camera).unwrap();
+        budget.target_ms = invalid;
+        scene.step(0.3);
+        scene.step(0.3);
+        assert_eq!(*scene.get::<TerrainRayCasting>(), casting, "{invalid}");
+        assert_eq!(scene.get::<ContributionCounts>().demanded_px2, 0.0);
+    }
+}
+
 #[derive(Component)]
 struct Grass(f32);
 

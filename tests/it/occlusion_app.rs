@@ -14,6 +14,10 @@ use bevy_skyline::{
 
 pub const SIZE: UVec2 = UVec2::new(160, 120);
 
+/// Frames of a deferred camera's motion: Mesa 22's software driver has no room for all shaders of such a scene at once,
+/// compiles some of them anew in each frame and keeps 200 MB of each.
+const DEFERRED: usize = 24;
+
 /// A scene that two cameras see from the same place: one culls, the other does not.
 pub struct Scene {
     pub offline: Offline,
@@ -154,15 +158,16 @@ pub fn always() -> ZBufferOcclusion {
 /// were drawn late in all.
 pub fn compare_motion(scene: &mut Scene, frames: usize) -> (u32, u32) {
     let (mut most, mut rescued, mut shown) = (0, 0, 0);
+    let leg = (frames / 3).min(20);
     for frame in 0..frames {
         let t = frame as f32;
-        // Forth and back, a spin, and a jump to the other side every 20 frames.
-        let from = match frame / 20 % 3 {
+        // Forth and back, a spin, and a jump to the other side, every 20 frames where there are so many.
+        let from = match frame / leg % 3 {
             0 => Vec3::new(0.3 * t % 9.0, 2.0, 20.0),
             1 => Vec3::new(4.0, 3.0, 20.0 - 0.8 * (t % 20.0)),
             _ => Vec3::new(-12.0, 6.0, -10.0 + t % 20.0),
         };
-        let at = match frame / 20 % 4 {
+        let at = match frame / leg % 4 {
             3 => from + Quat::from_rotation_y(t * 0.5) * Vec3::NEG_Z,
             _ => Vec3::new(0.0, 2.0, -10.0),
         };
@@ -258,6 +263,35 @@ fn nothing_is_missing_in_an_orthographic_camera() {
     });
 }
 
+/// What is drawn late is there when glass takes its picture of what lies behind it.
+#[test]
+fn nothing_is_missing_behind_glass() {
+    let Some(mut scene) = Scene::new(always(), || Msaa::Off) else {
+        return;
+    };
+    let world = scene.offline.app.world_mut();
+    let pane = world
+        .resource_mut::<Assets<Mesh>>()
+        .add(Cuboid::new(40.0, 40.0, 0.2));
+    let glass = world
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(StandardMaterial {
+            specular_transmission: 1.0,
+            perceptual_roughness: 0.0,
+            ..default()
+        });
+    world.spawn((
+        Mesh3d(pane),
+        MeshMaterial3d(glass),
+        Transform::from_xyz(0.0, 2.0, 13.0),
+    ));
+    for _ in 0..8 {
+        scene.step();
+    }
+    let (most, rescued) = compare_motion(&mut scene, 60);
+    assert!(most > 100 && rescued > 0, "{most} {rescued}");
+}
+
 #[test]
 fn nothing_is_missing_in_a_deferred_camera() {
     let Some(mut scene) = Scene::new(always(), || (Msaa::Off, DepthPrepass, DeferredPrepass))
@@ -277,6 +311,6 @@ fn nothing_is_missing_in_a_deferred_camera() {
     }
     let counts = scene.step();
     assert!(counts.removed > 100, "{counts:?}");
-    let (most, rescued) = compare_motion(&mut scene, 60);
+    let (most, rescued) = compare_motion(&mut scene, DEFERRED);
     assert!(most > 100 && rescued > 0, "{most} {rescued}");
 }

@@ -474,6 +474,27 @@ fn what_is_removed_still_casts_its_shadow() {
     same_picture(&scene);
 }
 
+/// What goes in the frame in which other settings are asked for leaves nothing in the table.
+#[test]
+fn what_goes_as_settings_change_is_gone() {
+    let Some(mut scene) = forward(always()) else {
+        return;
+    };
+    settle(&mut scene);
+    let all = scene.offline.app.world().resource::<Candidates>().len();
+    let world = scene.offline.app.world_mut();
+    world.despawn(scene.boxes[3]);
+    world.entity_mut(scene.boxes[8]).remove::<Mesh3d>();
+    world.entity_mut(scene.boxes[21]).remove::<Mesh3d>();
+    world.entity_mut(scene.culling).insert(ZBufferOcclusion {
+        volume: OccludeeVolume::Obb,
+        ..always()
+    });
+    scene.step();
+    let left = scene.offline.app.world().resource::<Candidates>().len();
+    assert_eq!(left, all - 3);
+}
+
 #[test]
 fn bevys_own_occlusion_culling_keeps_working_beside_it() {
     let Some(mut scene) = Scene::new(always(), || (Msaa::Off, DepthPrepass, OcclusionCulling))

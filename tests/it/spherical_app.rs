@@ -705,6 +705,28 @@ fn an_edited_mesh_is_indexed_anew_and_never_drawn_as_it_was() {
     scene.until(&format!("of {} triangles are drawn", 120 * KNOT.1 * 2));
 }
 
+/// Water, say: no work is begun for what is of no use a frame later.
+#[test]
+fn a_mesh_that_is_edited_in_every_frame_is_left_alone() {
+    let Some(mut scene) = Scene::new() else {
+        return;
+    };
+    scene.index(settings());
+    let knot = scene.knot;
+    let handle = scene.world().get::<Mesh3d>(knot).expect("a mesh").0.clone();
+    for frame in 0..40 {
+        let mut meshes = scene.world().resource_mut::<Assets<Mesh>>();
+        let mut mesh = meshes.get_mut(&handle).expect("a mesh");
+        mesh.scale_by(Vec3::splat(if frame % 2 == 0 { 1.01 } else { 1.0 / 1.01 }));
+        drop(mesh);
+        scene.offline.step();
+        let told = scene.state();
+        assert!(told.to_string().contains("to be left alone"), "{told}");
+        assert_eq!(scene.chunks(), []);
+    }
+    scene.until("triangles are drawn");
+}
+
 fn knot_of(rings: u32) -> Mesh {
     knot(rings, KNOT.1)
 }

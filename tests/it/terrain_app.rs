@@ -450,6 +450,42 @@ fn fog_and_cascaded_shadows_reach_the_terrain() {
     );
 }
 
+/// The limit of a view is not one of the world.
+#[test]
+fn terrains_out_of_view_take_nobodys_place() {
+    let Some(mut offline) = crate::device() else {
+        return;
+    };
+    let world = offline.app.world_mut();
+    let field = world.resource_mut::<Assets<HeightField>>().add(flat(20.0));
+    let look = TerrainLook {
+        colour: TerrainColour::Uniform(Color::srgb(0.1, 0.8, 0.1)),
+        ..default()
+    };
+    let terrain = || Terrain::new(field.clone()).with_look(look.clone());
+    for i in 0..300 {
+        world.spawn((
+            terrain(),
+            Transform::from_xyz(0.0, 0.0, 1_000.0 + 400.0 * i as f32),
+        ));
+    }
+    world.spawn((terrain(), Transform::IDENTITY));
+    world.spawn((
+        DirectionalLight::default(),
+        Transform::default().looking_to(Vec3::new(-0.5, -1.0, -0.3), Vec3::Y),
+    ));
+    let place =
+        Transform::from_xyz(160.0, 60.0, 300.0).looking_at(Vec3::new(160.0, 20.0, 160.0), Vec3::Y);
+    let (camera, target) = add_camera(&mut offline, (Msaa::Off, place));
+    for _ in 0..6 {
+        offline.step();
+    }
+    let drawn = offline.hits(camera).unwrap();
+    assert!(drawn.is_some_and(|hits| hits.terrain_px() > 500));
+    let green = count(&offline.picture(&target).unwrap(), is_green);
+    assert!(green > 500, "{green} pixels of ground");
+}
+
 #[test]
 fn terrain_hides_meshes_from_bevys_own_occlusion_culling() {
     // A wall of ground before many boxes: Bevy's GPU culling must drop them all and nothing in front.

@@ -26,7 +26,7 @@ use crate::{
         height_mips::{GpuHeightField, GpuHeightFields},
         pipelines::TerrainPipelines,
         stats::TerrainStats,
-        view::SlotInputs,
+        view::{MAX_TERRAINS, SlotInputs},
     },
     terrain::{
         TerrainRayCasting, Traversal,
@@ -275,6 +275,7 @@ impl TerrainCascade {
                 max_error_px: LIGHT_RAYS.max_error_px,
             })
             .filter(ViewRays::sees_terrain);
+            let rays = rays.filter(|_| id < MAX_TERRAINS as u32);
             caster.in_view = rays.is_some();
             let Some(rays) = rays else { continue };
             id += 1;

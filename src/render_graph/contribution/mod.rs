@@ -180,16 +180,22 @@ pub(crate) fn add_contribution_passes(app: &mut App) {
         stats.lock().unsupported = Some("the app renders nothing: it has no RenderPlugin".into());
         return;
     };
+    called::init::<ContributionCamera>(render_app);
     render_app.add_systems(
         ExtractSchedule,
-        respecialize_dithered.in_set(DirtySpecializationSystems::CheckForChanges),
+        (
+            ask::<ContributionCamera>,
+            respecialize_dithered
+                .in_set(DirtySpecializationSystems::CheckForChanges)
+                .run_if(is_called_for::<ContributionCamera>),
+        )
+            .chain(),
     );
     if !can_rewrite_draws(render_app.world()) {
         stats.lock().unsupported =
             Some("this GPU cannot draw indirectly with GPU culling; the CPU measures".into());
         return;
     }
-    called::init::<ContributionCamera>(render_app);
     render_app
         .insert_resource(stats)
         .init_resource::<ExtractedContribution>()
@@ -198,11 +204,9 @@ pub(crate) fn add_contribution_passes(app: &mut App) {
         .add_systems(RenderStartup, init_contribution_pipelines)
         .add_systems(
             ExtractSchedule,
-            (
-                ask::<ContributionCamera>,
-                extract_contribution.run_if(is_called_for::<ContributionCamera>),
-            )
-                .chain(),
+            extract_contribution
+                .after(ask::<ContributionCamera>)
+                .run_if(is_called_for::<ContributionCamera>),
         )
         .add_systems(
             Render,

@@ -129,8 +129,13 @@ pub fn extract_occlusion(
         to.to_test.clone_from(&state.to_test);
         extracted.cameras.push(to);
     }
-    // The GPU's table follows the main world's; an empty one, new or lost with its device, is filled anew.
+    // The GPU's table follows the main world's; an empty one, new or lost with its device, is filled anew, once
+    // somebody reads it.
     extracted.all = gpu.wants_all(table.epoch());
+    if extracted.all && extracted.cameras.is_empty() {
+        extracted.all = false;
+        return;
+    }
     if extracted.all {
         extracted
             .changed

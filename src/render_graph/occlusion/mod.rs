@@ -22,8 +22,8 @@ use bevy::{
     },
     pbr::{
         LATE_SHADOW_PASS, MeshPipelineSystems, check_prepass_views_need_specialization,
-        check_views_need_specialization, main_build_indirect_parameters, per_view_shadow_pass,
-        shared_shadow_pass, unpack_bins,
+        check_views_need_specialization, main_build_indirect_parameters, main_transmissive_pass_3d,
+        per_view_shadow_pass, shared_shadow_pass, unpack_bins,
     },
     prelude::*,
     render::{
@@ -38,6 +38,7 @@ use bevy::{
 use super::{
     TerrainShadeSystems,
     called::{self, ask, is_called_for},
+    order::{before_all, over_opaque},
 };
 use crate::occlusion::ZBufferOcclusion;
 use buffers::{GpuOccludees, OcclusionViews};
@@ -97,6 +98,7 @@ pub(crate) fn add_occlusion_passes(app: &mut App) {
         return;
     }
     stats.lock().no_recheck = lacks_for_recheck(render_app.world());
+    let over_opaque = over_opaque(render_app);
     called::init::<ZBufferOcclusion>(render_app);
     render_app
         .insert_resource(stats)
@@ -158,15 +160,20 @@ pub(crate) fn add_occlusion_passes(app: &mut App) {
                     .before(late_deferred_prepass)
                     .before(main_build_indirect_parameters)
                     .in_set(Core3dSystems::Prepass),
-                (recheck::<WithoutPrepass>, build_late_main, late_opaque)
-                    .chain()
-                    // All that is drawn early is in the depth.
-                    .after(main_opaque_pass_3d)
-                    // Pixels that they cover are not lit as terrain.
-                    .before(TerrainShadeSystems)
-                    // Transparency blends over them.
-                    .before(main_transparent_pass_3d)
-                    .in_set(Core3dSystems::MainPass),
+                before_all(
+                    (recheck::<WithoutPrepass>, build_late_main, late_opaque)
+                        .chain()
+                        // All that is drawn early is in the depth.
+                        .after(main_opaque_pass_3d)
+                        // Pixels that they cover are not lit as terrain.
+                        .before(TerrainShadeSystems)
+                        // Transparency blends over them, glass shows them.
+                        .before(main_transmissive_pass_3d)
+                        .before(main_transparent_pass_3d)
+                        .in_set(Core3dSystems::MainPass),
+                    // Air lies before them.
+                    &over_opaque,
+                ),
             )
                 .run_if(any_camera),
         );

@@ -131,7 +131,7 @@ pub fn prepare_occlusion(
             continue;
         };
         let size = resolution.map_or(view.viewport.zw(), |to| to.0);
-        let clip_from_world = clip_from_world(view, jitter, size);
+        let clip_from_world = drawn_clip_from_world(view, jitter, size);
         // A resolution scale may change every frame: blocks and memory are those of the whole viewport.
         let whole = extracted_camera
             .physical_viewport_size
@@ -202,7 +202,11 @@ pub fn reducible(
 }
 
 /// The matrix that the camera's vertices go through, worked out as Bevy does.
-fn clip_from_world(view: &ExtractedView, jitter: Option<&TemporalJitter>, size: UVec2) -> Mat4 {
+fn drawn_clip_from_world(
+    view: &ExtractedView,
+    jitter: Option<&TemporalJitter>,
+    size: UVec2,
+) -> Mat4 {
     let mut clip_from_view = view.clip_from_view;
     let view_from_world = view.world_from_view.to_matrix().inverse();
     match (jitter, view.clip_from_world) {

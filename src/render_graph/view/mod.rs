@@ -187,7 +187,13 @@ pub fn prepare_terrain_views(
                 whole_heights: terrain.whole_heights,
                 max_error_px: terrain_camera.settings.max_error_px,
             });
-            let Some(rays) = rays.filter(ViewRays::sees_terrain) else {
+            let rays = rays.filter(ViewRays::sees_terrain);
+            let is_room = view.drawn.len() < MAX_TERRAINS;
+            if rays.is_some() && !is_room {
+                warn_once!("more than {MAX_TERRAINS} terrains are in view; the rest is not drawn");
+            }
+            let Some(rays) = rays.filter(|_| is_room) else {
+                slot.pass_over(clip_from_world, terrain.world_from_local);
                 continue;
             };
             let in_air = extracted
@@ -237,7 +243,7 @@ pub fn prepare_terrain_views(
     counts.views_drawn = drawn;
     (counts.boxes, counts.box_capacity) = boxes;
     counts.refused.clear();
-    counts.refused.extend(fields.refused.values().cloned());
+    counts.refused.extend(fields.reasons().cloned());
     counts.cpu_ms = start.elapsed().as_secs_f32() * 1e3;
 }
 

@@ -126,6 +126,11 @@ impl BoxLists {
 }
 
 impl TerrainSlot {
+    /// Notes where a terrain is that is not drawn: when it comes into view it has moved from there.
+    pub(super) fn pass_over(&mut self, clip_from_world: DMat4, world_from_local: DAffine3) {
+        self.previous = Some((clip_from_world, world_from_local));
+    }
+
     /// GPU memory of uniforms, lists and tiles. units: bytes
     pub(in crate::render_graph) fn bytes(&self) -> u64 {
         let uniforms = [

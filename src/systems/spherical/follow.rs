@@ -17,6 +17,9 @@ use crate::{
     systems::gather::{Gather, Unreadable, readable},
 };
 
+/// How long a mesh that was edited is left alone before it is indexed again.
+const QUIET_FRAMES: u32 = 8;
+
 /// What is looked at of each entity.
 #[derive(QueryData)]
 pub struct RootQuery {
@@ -78,6 +81,7 @@ pub fn follow_indexed(
     mut commands: Commands,
 ) {
     let models = &mut *models;
+    let mut edited = Vec::new();
     for event in mesh_events.read() {
         let (id, is_another) = match *event {
             AssetEvent::Added { id } => (id, false),
@@ -85,6 +89,7 @@ pub fn follow_indexed(
             AssetEvent::Unused { .. } | AssetEvent::LoadedWithDependencies { .. } => continue,
         };
         if is_another {
+            edited.push(id);
             models.indices.retain(|(key, _)| key.mesh != id);
         }
         for root in models.roots.values_mut().filter(|root| root.mesh == id) {
@@ -147,7 +152,15 @@ pub fn follow_indexed(
             match models.indices.iter().find(|(of, _)| *of == key) {
                 Some((_, Step::Failed(_))) => root.left = Some(Left::Failed),
                 Some(_) => {}
-                None => models.indices.push((key, Step::Gather(Gather::default()))),
+                None => {
+                    // What is edited in every frame would have a thread begin in each.
+                    let first = if edited.contains(&root.mesh) {
+                        Step::Still(QUIET_FRAMES)
+                    } else {
+                        Step::Gather(Gather::default())
+                    };
+                    models.indices.push((key, first));
+                }
             }
         }
         true

@@ -61,6 +61,8 @@ impl Key {
 
 /// How far the index of a mesh is.
 pub(super) enum Step {
+    /// Its mesh was edited: work begins once it has been left alone for so many frames more.
+    Still(u32),
     /// Its triangles are copied.
     Gather(Gather),
     /// The background works.
@@ -348,6 +350,13 @@ pub fn advance_indices(mut models: ResMut<SphericalModels>, mut meshes: ResMut<A
     let models = &mut *models;
     let is_made = |step: &Step| matches!(step, Step::Ready(_) | Step::Failed(_));
     for (key, step) in &mut models.indices {
+        if let Step::Still(frames) = step {
+            if *frames > 0 {
+                *frames -= 1;
+                continue;
+            }
+            *step = Step::Gather(Gather::default());
+        }
         while !is_made(step) && !slice.is_over() {
             let next = match core::mem::replace(step, Step::Failed(String::new())) {
                 Step::Gather(mut gather) => match gather.run(&[key.mesh], &meshes, &slice) {

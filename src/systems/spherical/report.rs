@@ -123,7 +123,7 @@ impl Step {
         match self {
             Self::Build(build) => build.bytes,
             Self::Ready(indexed) => indexed.gpu_bytes,
-            Self::Gather(_) | Self::Work(_) | Self::Failed(_) => 0,
+            Self::Still(_) | Self::Gather(_) | Self::Work(_) | Self::Failed(_) => 0,
         }
     }
 
@@ -133,6 +133,7 @@ impl Step {
 
     fn say(&self, words: &mut String) {
         let _ = match self {
+            Self::Still(_) => write!(words, "waiting for a mesh to be left alone"),
             Self::Gather(_) => write!(words, "copying a mesh"),
             Self::Work(_) => write!(words, "making a mesh's maps"),
             Self::Build(build) => {

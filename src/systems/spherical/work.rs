@@ -72,6 +72,10 @@ impl Work {
 
 /// `None`: nobody wants it any more.
 fn make(raw: Raw, key: &Key, is_cancelled: &AtomicBool) -> Option<Result<Made, SphericalError>> {
+    // It may have waited for its share of the processor.
+    if is_cancelled.load(Ordering::Relaxed) {
+        return None;
+    }
     let triangles = raw.triangles();
     let settings = MapSettings {
         bins: key.bins,
