@@ -128,8 +128,8 @@ fn choose(world: &mut World) {
             _ => (culling.threshold_px2 * 2f32.powi(step)).clamp(1.0, 4096.0),
         };
         if fade {
-            let fades = Exit::Dithered { seconds: FADE_S };
-            culling.exit = stage::after(&[Exit::Cut, fades], culling.exit);
+            let fades = ContributionExit::Dithered { seconds: FADE_S };
+            culling.exit = stage::after(&[ContributionExit::Cut, fades], culling.exit);
         }
     }
 }

@@ -112,7 +112,7 @@ fn run(mut stage: Stage, options: Options) -> Result<AppExit, StageError> {
         .resolution
         .unwrap_or(if is_small { 64 } else { 256 });
     let settings = InteriorCulling {
-        grid: Grid::Resolution(resolution),
+        grid: InteriorGrid::Resolution(resolution),
         ..default()
     };
     stage.keys = "1 as it is, 2 culled, 3 what was removed, 4 cut open; N, M the grid, L nodes or triangles, P the mode";
@@ -296,7 +296,7 @@ fn choose(world: &mut World) {
     );
     let mut shown = world.resource_mut::<Shown>();
     let settings = &mut shown.settings;
-    if let Grid::Resolution(cells) = &mut settings.grid {
+    if let InteriorGrid::Resolution(cells) = &mut settings.grid {
         if coarser {
             *cells = (*cells / 2).max(16);
         }
@@ -305,10 +305,16 @@ fn choose(world: &mut World) {
         }
     }
     if level {
-        settings.level = stage::after(&[Level::Node, Level::Triangle], settings.level);
+        settings.level = stage::after(
+            &[InteriorLevel::Node, InteriorLevel::Triangle],
+            settings.level,
+        );
     }
     if mode {
-        settings.mode = stage::after(&[Mode::Sampled, Mode::Conservative], settings.mode);
+        settings.mode = stage::after(
+            &[InteriorMode::Sampled, InteriorMode::Conservative],
+            settings.mode,
+        );
     }
     let view = digit.map_or(shown.view, |digit| VIEWS[digit].0);
     if digit.is_some() || coarser || finer || level || mode {

@@ -55,13 +55,13 @@ const VOLUMES: [OccludeeVolume; 3] = [
     OccludeeVolume::Obb,
     OccludeeVolume::Proxy { triangles: 100 },
 ];
-const SAMPLINGS: [Sampling; 6] = [
-    Sampling::Conservative { block: 0 },
-    Sampling::Conservative { block: 2 },
-    Sampling::Conservative { block: 4 },
-    Sampling::Conservative { block: 8 },
-    Sampling::Conservative { block: 16 },
-    Sampling::Strided { x: 5, y: 4 },
+const SAMPLINGS: [DepthSampling; 6] = [
+    DepthSampling::Conservative { block: 0 },
+    DepthSampling::Conservative { block: 2 },
+    DepthSampling::Conservative { block: 4 },
+    DepthSampling::Conservative { block: 8 },
+    DepthSampling::Conservative { block: 16 },
+    DepthSampling::Strided { x: 5, y: 4 },
 ];
 
 /// Where the headless walk begins: not at the city's edge. units: frames of the path

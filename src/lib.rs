@@ -63,6 +63,11 @@
 //! | `cli` | no | the `skyline` command line; all effects with it |
 //! | `window` | no | a real window and a flying camera, for the examples |
 //!
+//! # What games build on
+//! The [`prelude`], what it takes from the modules of the effects, and [`plugin`]. The rest is open for tests, tools and the
+//! curious: [`systems`], [`render_graph`], [`mod@reference`], [`precision`], `offline` and the modules inside an effect's may
+//! change in any version.
+//!
 //! # The papers
 //! P1 *Subdivided-bounding-box terrain ray casting* (GPU quadtree); P2 occlusion culling with the Z-buffer and
 //! simplified models; P3 rendering by spherical-coordinate representation; P4 region-based contribution culling
@@ -120,17 +125,24 @@ pub mod terrain_shadow;
 pub mod prelude {
     #[cfg(all(feature = "budget", feature = "culling"))]
     pub use crate::budget::WorkloadPolicy;
+    #[cfg(feature = "panel")]
+    pub use crate::panel::{PanelPlugin, SkylinePanel};
     #[cfg(feature = "budget")]
     pub use crate::{
-        budget::{AppKnobs, BudgetClock, BudgetState, BudgetStatus, FrameBudget, Knobs},
+        budget::{
+            AppKnobs, BudgetClock, BudgetState, BudgetStatus, BudgetSystems, FrameBudget,
+            GivenFrameTimes, Knob, KnobCost, KnobOn, KnobStep, Knobs,
+        },
         plugin::{BudgetPlugin, ResolutionPlugin},
         resolution::ResolutionScale,
     };
     #[cfg(feature = "culling")]
     pub use crate::{
-        contribution::{ContributionCounts, ContributionCulling, Exit, NoContributionCulling},
+        contribution::{
+            ContributionCounts, ContributionCulling, ContributionExit, NoContributionCulling,
+        },
         occlusion::{
-            NoOcclusionCulling, OccludeeVolume, OcclusionCounts, Recheck, Sampling,
+            DepthSampling, NoOcclusionCulling, OccludeeVolume, OcclusionCounts, Recheck,
             ZBufferOcclusion,
         },
         plugin::{ContributionPlugin, OcclusionPlugin},
@@ -143,22 +155,24 @@ pub mod prelude {
     #[cfg(feature = "interior")]
     pub use crate::{
         interior::{
-            Faces, Grid, InteriorCounts, InteriorCulling, Level, Mode, NoInteriorCulling,
-            Transparent,
+            FieldBy, InteriorCounts, InteriorCulling, InteriorFaces, InteriorGrid, InteriorLevel,
+            InteriorMode, InteriorTransparent, NoInteriorCulling,
         },
         plugin::InteriorPlugin,
     };
     #[cfg(feature = "spherical")]
     pub use crate::{
         plugin::SphericalPlugin,
-        spherical::{SphericalAppExt, SphericalCounts, SphericalIndex, SphericalMode},
+        spherical::{
+            Bins, ChunkOf, SphericalAppExt, SphericalCounts, SphericalIndex, SphericalMode,
+        },
     };
     #[cfg(feature = "terrain")]
     pub use crate::{
         plugin::TerrainPlugin,
         terrain::{
-            HeightField, HeightFieldPlugin, HeightFieldSettings, Terrain, TerrainColour,
-            TerrainHit, TerrainLook, TerrainQuery, TerrainRayCasting, Traversal,
+            HeightField, HeightFieldPlugin, HeightFieldSettings, HitSide, Terrain, TerrainColour,
+            TerrainHit, TerrainLook, TerrainQuery, TerrainRayCasting, Traversal, VoidHandling,
         },
         terrain_shadow::{ExactLight, ShadowMethod, ShadowedLights, TerrainShadow},
     };

@@ -1,10 +1,10 @@
 //! Chooses where the knobs stand, from what frames did and took. Plain data: it knows no app and no clock.
 //!
 //! Each frame it is told what is in view ([`DemandProfile`]) and, for a frame some frames ago, what it took. It then
-//! 1. **learns** what work costs ([`CostModel`]) and by how much that is off just now ([`Trim`]);
+//! 1. **learns** what work costs ([`CostModel`]) and by how much that is off just now (`Trim`);
 //! 2. **aims** below the target by as much as frames scatter, so that one in a hundred exceeds it;
 //! 3. **picks** the lowest demand on contribution culling whose predicted time meets the aim;
-//! 4. **moves** another knob a step, if for some time that has lost less of the picture ([`Ladder`]).
+//! 4. **moves** another knob a step, if for some time that has lost less of the picture (`Ladder`).
 //!
 //! # Guarantees
 //! - Times that are missing, zero, negative, not finite, above [`LONGEST_MS`], or far above all others and alone,

@@ -71,6 +71,7 @@ pub(crate) const NOTHING: f32 = 0.002;
 
 /// Why a knob cannot be registered.
 #[derive(thiserror::Error, Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum KnobError {
     /// It has no steps.
     #[error("the knob `{0}` has no steps: give it at least one, the best")]

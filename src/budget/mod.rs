@@ -6,13 +6,13 @@
 //!
 //! | Where | What |
 //! |---|---|
-//! | [`measure`] | what a frame took |
+//! | `measure` | what a frame took |
 //! | [`workload`] | what it had to do, and what any demand leaves of it |
 //! | [`model`] | what that costs here, learned |
-//! | [`trim`] | by how much the model is off just now, and how far frames scatter |
+//! | `trim` | by how much the model is off just now, and how far frames scatter |
 //! | [`controller`] | the choice of each frame; plain data, no app |
-//! | [`ladder`] | which other knob moves, and when |
-//! | [`knobs`], [`built_in`] | the registry, and the knobs of this suite |
+//! | `ladder` | which other knob moves, and when |
+//! | [`knobs`], `built_in` | the registry, and the knobs of this suite |
 //! | [`policy`] | what it is compared with: a fixed number of polygons, a fixed view distance (with the feature `culling`) |
 //!
 //! # A frame
@@ -25,16 +25,16 @@
 //!
 //! Without a [`FrameBudget`] in the scene one empty query runs a frame, and nothing is kept.
 
-pub mod built_in;
+pub(crate) mod built_in;
 pub mod controller;
 mod knob;
 pub mod knobs;
-pub mod ladder;
-pub mod measure;
+pub(crate) mod ladder;
+pub(crate) mod measure;
 pub mod model;
 #[cfg(feature = "culling")]
 pub mod policy;
-pub mod trim;
+pub(crate) mod trim;
 pub mod workload;
 
 use bevy::{
@@ -91,14 +91,21 @@ use workload::DemandProfile;
 /// assert!(knobs.get("terrain_error").is_some());
 /// ```
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
-#[reflect(Component, Clone, Debug, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(BudgetState)]
 #[component(on_remove = give_back)]
 pub struct FrameBudget {
-    /// What a frame may take. units: ms
+    /// What a frame may take; zero, negative and non-finite times ask for nothing. default: 16.7, units: ms
     pub target_ms: f32,
     /// Which time is held.
     pub clock: BudgetClock,
+}
+
+/// 60 frames a second.
+impl Default for FrameBudget {
+    fn default() -> Self {
+        Self::from_hz(60.0)
+    }
 }
 
 impl FrameBudget {

@@ -9,7 +9,7 @@
 //! points where its twelve edges cross the plane, so these are projected and the others are not.
 //!
 //! # Why it is never too small
-//! Corners are off by up to the slack e of [`culling::clip`](crate::culling::clip), d by e_z + e_w = 64u S, with
+//! Corners are off by up to the slack e of `culling::clip`, d by e_z + e_w = 64u S, with
 //! S = Q_z + Q_w. All is cut at a plane that lies **128u S** nearer to the eye:
 //!
 //! | what may put a point of the box in front of the plane behind the one it is cut at | |

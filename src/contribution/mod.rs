@@ -28,7 +28,7 @@
 //! [`CulledEntities`] and the counts say some frames late which were left out. The CPU measures all the same where the
 //! camera has a [`FrameBudget`](crate::budget::FrameBudget), a
 //! [`WorkloadPolicy`](crate::budget::WorkloadPolicy), [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion),
-//! Bevy's `OcclusionCulling`, `NoIndirectDrawing` or [`Exit::Dithered`], where anything in the scene has `NoCpuCulling`,
+//! Bevy's `OcclusionCulling`, `NoIndirectDrawing` or [`ContributionExit::Dithered`], where anything in the scene has `NoCpuCulling`,
 //! and where the GPU cannot draw indirectly.
 
 pub mod area;
@@ -86,7 +86,7 @@ pub struct ContributionCulling {
     /// How many times the threshold it takes to come back; what is out of range counts as 1. range: 1.., default: 1.25
     pub hysteresis: f32,
     /// How an object leaves and comes back.
-    pub exit: Exit,
+    pub exit: ContributionExit,
     /// Whether an object's area counts only as far as the depth buffer shows it, where
     /// [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) works on the same camera. default: true
     pub weigh_by_visibility: bool,
@@ -100,7 +100,7 @@ impl Default for ContributionCulling {
         Self {
             threshold_px2: 16.0,
             hysteresis: 1.25,
-            exit: Exit::default(),
+            exit: ContributionExit::default(),
             weigh_by_visibility: true,
             gpu_from: 50_000,
         }
@@ -110,7 +110,7 @@ impl Default for ContributionCulling {
 /// How an object leaves the picture and comes back.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Default, Clone, Debug, PartialEq)]
-pub enum Exit {
+pub enum ContributionExit {
     /// From one frame to the next.
     #[default]
     Cut,

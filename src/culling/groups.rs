@@ -65,11 +65,6 @@ impl Groups {
         self.groups.len()
     }
 
-    /// Whether there has never been a group.
-    pub fn is_empty(&self) -> bool {
-        self.groups.is_empty()
-    }
-
     /// A group.
     pub fn get(&self, group: u32) -> Option<&Group> {
         self.groups.get(group as usize)

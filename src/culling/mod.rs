@@ -3,13 +3,13 @@
 //!
 //! | Where | What | Built |
 //! |---|---|---|
-//! | [`culled`] | which entities a camera removed, and why | always |
-//! | [`query`] | the same as a system parameter | always |
-//! | [`part`] | what an entity is to one effect, for the others to know | always |
+//! | `culled` | which entities a camera removed, and why | always |
+//! | `query` | the same as a system parameter | always |
+//! | `part` | what an entity is to one effect, for the others to know | always |
 //! | [`candidates`] | one slot for each entity that can be removed, kept up by change | with `culling` |
 //! | [`volume`] | the box that encloses it | with `culling` |
-//! | [`clip`] | that box in clip space, and how far rounding may put it off | with `culling` |
-//! | [`groups`] | boxes around what hangs together by `ChildOf` | with `culling` |
+//! | `clip` | that box in clip space, and how far rounding may put it off | with `culling` |
+//! | `groups` | boxes around what hangs together by `ChildOf` | with `culling` |
 //!
 //! Each frame, in [`CullSystems`]: the table follows the scene, then
 //! [`ContributionCulling`](crate::contribution::ContributionCulling) takes out what covers too little, then
@@ -17,16 +17,16 @@
 //! [`ZBufferOcclusion`](crate::occlusion::ZBufferOcclusion) what is hidden. All keep the order of `VisibleEntities`.
 
 #[cfg(feature = "culling")]
-pub mod bits;
+pub(crate) mod bits;
 #[cfg(feature = "culling")]
 pub mod candidates;
 #[cfg(feature = "culling")]
-pub mod clip;
-pub mod culled;
+pub(crate) mod clip;
+pub(crate) mod culled;
 #[cfg(feature = "culling")]
-pub mod groups;
-pub mod part;
-pub mod query;
+pub(crate) mod groups;
+pub(crate) mod part;
+pub(crate) mod query;
 #[cfg(feature = "culling")]
 pub mod volume;
 

@@ -20,7 +20,7 @@ use crate::systems::interior as systems;
 /// #     let paint = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial::default());
 /// #     (mesh, MeshMaterial3d(paint))
 /// # });
-/// let culling = InteriorCulling { grid: Grid::Resolution(16), ..default() };
+/// let culling = InteriorCulling { grid: InteriorGrid::Resolution(16), ..default() };
 /// let engine = world.spawn((Transform::default(), Visibility::default(), culling)).id();
 /// // The lid opens later: what only it hides has to be there.
 /// world.spawn((housing.clone(), ChildOf(engine)));

@@ -19,7 +19,7 @@ use super::{
     model::{Model, Part},
     overlap::Snapped,
     progress::{Progress, Stage},
-    settings::{Faces, InteriorCulling, Level, Mode, Transparent},
+    settings::{InteriorCulling, InteriorFaces, InteriorLevel, InteriorMode, InteriorTransparent},
 };
 
 /// Triangles that a thread takes at a time.
@@ -205,8 +205,10 @@ impl<'a> SnappedModel<'a> {
             node: model.parts[part].node,
         })?;
         let bounds = bounds.ok_or(InteriorError::NoTriangles)?;
-        let one_sided = |part: &Part| settings.faces == Faces::AsDrawn && !part.is_two_sided;
-        let open = |part: &Part| settings.transparent == Transparent::Open && part.is_transparent;
+        let one_sided =
+            |part: &Part| settings.faces == InteriorFaces::AsDrawn && !part.is_two_sided;
+        let open =
+            |part: &Part| settings.transparent == InteriorTransparent::Open && part.is_transparent;
         let is_one_sided = model
             .parts
             .iter()
@@ -292,7 +294,7 @@ impl<'a> SnappedModel<'a> {
         let batches = self.batches(|_| true);
         crew.progress.enter(Stage::Extraction, batches.len());
         let seen = match settings.mode {
-            Mode::Conservative => {
+            InteriorMode::Conservative => {
                 let seen = crew.map(batches.len(), |at| {
                     let batch = &batches[at];
                     let part = &self.parts[batch.part];
@@ -312,7 +314,7 @@ impl<'a> SnappedModel<'a> {
                 }
                 all
             }
-            Mode::Sampled => {
+            InteriorMode::Sampled => {
                 let met = crew.map(batches.len(), |at| {
                     let batch = &batches[at];
                     let part = &self.parts[batch.part];
@@ -345,7 +347,7 @@ impl<'a> SnappedModel<'a> {
             .into_iter()
             .map(|seen| Verdict::of(seen.into_boxed_slice()))
             .collect();
-        if settings.level == Level::Node {
+        if settings.level == InteriorLevel::Node {
             self.take_whole_nodes(&mut verdicts);
         }
         Ok(verdicts)

@@ -2,6 +2,7 @@
 
 /// Says itself in one line, with the remedy.
 #[derive(thiserror::Error, Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum InteriorError {
     /// There is nothing to cull.
     #[error("the model has no triangles: there is nothing to cull")]

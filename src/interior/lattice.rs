@@ -5,7 +5,7 @@ use bevy::math::DVec3;
 use super::{
     SEAL,
     error::InteriorError,
-    settings::{Grid, InteriorCulling},
+    settings::{InteriorCulling, InteriorGrid},
 };
 
 /// Units of snapped coordinates in a spacing.
@@ -63,14 +63,14 @@ impl Lattice {
         };
         let around = |cell: f64| Self::around((least, greatest), cell / SPACINGS_IN_CELL);
         let cell = match settings.grid {
-            Grid::Resolution(cells) if (1..=MOST_CELLS).contains(&cells) => {
+            InteriorGrid::Resolution(cells) if (1..=MOST_CELLS).contains(&cells) => {
                 longest / f64::from(cells)
             }
-            Grid::Resolution(cells) => return Err(InteriorError::Resolution(cells)),
-            Grid::Gap(gap) if gap.is_finite() && gap > 0.0 => {
+            InteriorGrid::Resolution(cells) => return Err(InteriorError::Resolution(cells)),
+            InteriorGrid::Gap(gap) if gap.is_finite() && gap > 0.0 => {
                 (f64::from(gap) / 3f64.sqrt()).min(longest)
             }
-            Grid::Gap(gap) => return Err(InteriorError::Gap(gap)),
+            InteriorGrid::Gap(gap) => return Err(InteriorError::Gap(gap)),
         };
         let allowed = u64::from(settings.memory_mib) << 20;
         let needs = |cell: f64| {

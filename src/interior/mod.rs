@@ -8,13 +8,13 @@
 //!    step from a point to a neighbour, set if a surface is in the way. On the CPU or the GPU ([`gpu`]), with the same bits.
 //! 3. **Front propagation** ([`front`]). From the outermost points, step by step where nothing is in the way: the points
 //!    that are *outside*.
-//! 4. **Extraction** (`extract.rs`). [`Mode::Sampled`]: the surfaces that are met first on a step from an outside point to
-//!    one that is not. [`Mode::Conservative`]: every triangle that comes within 1½ spacings, in every axis, of an outside
+//! 4. **Extraction** (`extract.rs`). [`InteriorMode::Sampled`]: the surfaces that are met first on a step from an outside point to
+//!    one that is not. [`InteriorMode::Conservative`]: every triangle that comes within 1½ spacings, in every axis, of an outside
 //!    point.
 //!
 //! # What is guaranteed
-//! Let a *cell* be the model's longest side over [`Grid::Resolution`], and the *gap* √3 cells. With
-//! [`Mode::Conservative`] and two-sided surfaces **what a ball of the gap's diameter can touch, that comes from outside and
+//! Let a *cell* be the model's longest side over [`InteriorGrid::Resolution`], and the *gap* √3 cells. With
+//! [`InteriorMode::Conservative`] and two-sided surfaces **what a ball of the gap's diameter can touch, that comes from outside and
 //! on its way cuts no surface, stays.** What is seen but cannot be touched so, deep in a groove narrower than the gap for
 //! instance, may go.
 //!
@@ -30,7 +30,7 @@
 //! The other way round: a crack narrower than 2·[`SEAL`] − 1/256 spacings lets nothing through, and two triangles that share an
 //! edge, or meet anywhere along it, leave no leak: what touches a step blocks it. Openings in between may do either.
 //!
-//! One-sided materials ([`Faces::AsDrawn`]) are seen through from behind, so a step is blocked only where it meets a front
+//! One-sided materials ([`InteriorFaces::AsDrawn`]) are seen through from behind, so a step is blocked only where it meets a front
 //! face: a closed model is the same as if it were two-sided, an open one keeps what shows through the back of its faces.
 //! The proof above covers the surfaces that are two-sided; for what is seen through one-sided ones there are tests.
 
@@ -54,7 +54,10 @@ pub use error::InteriorError;
 pub use gpu::{FieldDevice, FieldOrigin, InteriorGpu, InteriorGpuError};
 pub use model::{FARTHEST, Model, Part, Surface};
 pub use progress::{Progress, Stage};
-pub use settings::{Faces, FieldBy, Grid, InteriorCulling, Level, Mode, Transparent};
+pub use settings::{
+    FieldBy, InteriorCulling, InteriorFaces, InteriorGrid, InteriorLevel, InteriorMode,
+    InteriorTransparent,
+};
 
 /// A surface blocks a step that it comes within so much of, in every axis. units: spacings
 pub const SEAL: f64 = 1.0 / 16.0;

@@ -50,7 +50,7 @@ use bevy::prelude::*;
 /// #     (mesh, MeshMaterial3d(paint))
 /// # });
 /// // A box with a smaller one in it; a game would have `WorldAssetRoot(assets.load("engine.glb#Scene0"))` here.
-/// let culling = InteriorCulling { grid: Grid::Resolution(16), ..default() };
+/// let culling = InteriorCulling { grid: InteriorGrid::Resolution(16), ..default() };
 /// let engine = world.spawn((Transform::default(), Visibility::default(), culling)).id();
 /// world.spawn((housing, ChildOf(engine)));
 /// let gear = world.spawn((gear, ChildOf(engine))).id();
@@ -66,30 +66,30 @@ use bevy::prelude::*;
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct InteriorCulling {
     /// How fine it looks.
-    pub grid: Grid,
+    pub grid: InteriorGrid,
     /// What is taken out.
-    pub level: Level,
+    pub level: InteriorLevel,
     /// Which surfaces count as seen.
-    pub mode: Mode,
+    pub mode: InteriorMode,
     /// Whether what is behind transparent materials is seen.
-    pub transparent: Transparent,
+    pub transparent: InteriorTransparent,
     /// Whether one-sided materials are seen through from behind.
-    pub faces: Faces,
+    pub faces: InteriorFaces,
     /// Where the directed distance field is made; what is found is the same.
     pub field: FieldBy,
     /// How much memory lattice, field and snapped vertices may take. In an app the meshes' copies come to that, with
-    /// [`Mode::Sampled`] a record for each step at which a surface is met. default: 1024, units: MiB
+    /// [`InteriorMode::Sampled`] a record for each step at which a surface is met. default: 1024, units: MiB
     pub memory_mib: u32,
 }
 
 impl Default for InteriorCulling {
     fn default() -> Self {
         Self {
-            grid: Grid::default(),
-            level: Level::default(),
-            mode: Mode::default(),
-            transparent: Transparent::default(),
-            faces: Faces::default(),
+            grid: InteriorGrid::default(),
+            level: InteriorLevel::default(),
+            mode: InteriorMode::default(),
+            transparent: InteriorTransparent::default(),
+            faces: InteriorFaces::default(),
             field: FieldBy::default(),
             memory_mib: 1024,
         }
@@ -99,14 +99,14 @@ impl Default for InteriorCulling {
 /// How fine interior culling looks; see [what is guaranteed](super#what-is-guaranteed).
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Clone, Debug, PartialEq)]
-pub enum Grid {
+pub enum InteriorGrid {
     /// So many cells on the model's longest side. default: 256
     Resolution(u32),
     /// What a ball so wide can touch from outside stays. units: of the model's frame, in Bevy m
     Gap(f32),
 }
 
-impl Default for Grid {
+impl Default for InteriorGrid {
     fn default() -> Self {
         Self::Resolution(256)
     }
@@ -115,7 +115,7 @@ impl Default for Grid {
 /// What is taken out.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
-pub enum Level {
+pub enum InteriorLevel {
     /// Nodes of which no triangle is seen.
     Node,
     /// Triangles that are not seen.
@@ -126,7 +126,7 @@ pub enum Level {
 /// Which surfaces count as seen.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
-pub enum Mode {
+pub enum InteriorMode {
     /// What is met first on a step from a point outside to one that is not (P5a): with a coarse grid, much that is seen
     /// is missed.
     Sampled,
@@ -138,7 +138,7 @@ pub enum Mode {
 /// Whether what is behind transparent materials is seen.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
-pub enum Transparent {
+pub enum InteriorTransparent {
     /// It is.
     #[default]
     Open,
@@ -149,7 +149,7 @@ pub enum Transparent {
 /// Whether one-sided materials are seen through from behind.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
-pub enum Faces {
+pub enum InteriorFaces {
     /// They are, as they are not drawn.
     #[default]
     AsDrawn,

@@ -6,7 +6,7 @@
 use bevy::prelude::*;
 use bytemuck::{Pod, Zeroable};
 
-use super::Sampling;
+use super::DepthSampling;
 
 /// Most pixels along a side of a viewport. What the tests allow for rounding holds up to here.
 pub const MOST_SIDE_PX: u32 = 16_384;
@@ -36,7 +36,7 @@ pub struct ReducedDepth {
     pub viewport: Vec2,
     /// Size of the block of pixels that a texel of level 0 stands for. units: px
     pub block: UVec2,
-    /// Whether a texel of level 0 is its block's top left pixel alone ([`Sampling::Strided`]) instead of the
+    /// Whether a texel of level 0 is its block's top left pixel alone ([`DepthSampling::Strided`]) instead of the
     /// farthest of them all.
     pub strided: bool,
     /// As [`layout`] has them.
@@ -47,6 +47,7 @@ pub struct ReducedDepth {
 
 /// Why no depth could be reduced.
 #[derive(thiserror::Error, Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum DepthError {
     /// The viewport is empty or too large.
     #[error("a viewport of {0} pixels cannot be reduced: use 1 to {MOST_SIDE_PX} a side")]
@@ -102,7 +103,7 @@ pub fn texel_count(levels: &[DepthLevel]) -> usize {
     levels.iter().map(texels).sum()
 }
 
-impl Sampling {
+impl DepthSampling {
     /// The block of pixels that a texel stands for in a viewport, settings outside their range drawn into it. units: px
     pub fn block(self, viewport: UVec2) -> UVec2 {
         match self {
@@ -159,7 +160,7 @@ impl ReducedDepth {
     pub fn from_pixels(
         clip_from_world: Mat4,
         viewport: UVec2,
-        sampling: Sampling,
+        sampling: DepthSampling,
         pixels: &[f32],
     ) -> Result<Self, DepthError> {
         if viewport.min_element() == 0 || viewport.max_element() > MOST_SIDE_PX {
@@ -219,7 +220,7 @@ impl ReducedDepth {
 
     /// Everything but the texels, of a view whose depth is reduced on the GPU. A viewport that is empty or larger than
     /// [`MOST_SIDE_PX`] has no levels.
-    pub fn header(clip_from_world: Mat4, viewport: UVec2, sampling: Sampling) -> Self {
+    pub fn header(clip_from_world: Mat4, viewport: UVec2, sampling: DepthSampling) -> Self {
         let fits = viewport.min_element() > 0 && viewport.max_element() <= MOST_SIDE_PX;
         Self {
             clip_from_world,

@@ -18,7 +18,7 @@
 //! flight, moving occluders and occludees, changed lenses and viewports can make a prediction wrong, and then the
 //! recheck pays for it by drawing late; they cannot make the picture wrong.
 
-pub mod camera;
+pub(crate) mod camera;
 pub mod depth;
 pub mod meshes;
 pub mod obb;
@@ -71,7 +71,7 @@ pub struct ZBufferOcclusion {
     /// What stands for an object when it is tested.
     pub volume: OccludeeVolume,
     /// How the depth buffer is read.
-    pub sampling: Sampling,
+    pub sampling: DepthSampling,
     /// Whether each removed object is tested again against the frame's own depth.
     pub recheck: Recheck,
     /// From so many meshes in view on, the prediction is made by the GPU. The verdicts are the same.
@@ -85,7 +85,7 @@ impl Default for ZBufferOcclusion {
     fn default() -> Self {
         Self {
             volume: OccludeeVolume::default(),
-            sampling: Sampling::default(),
+            sampling: DepthSampling::default(),
             recheck: Recheck::default(),
             gpu_from: 50_000,
             rests: true,
@@ -114,7 +114,7 @@ pub enum OccludeeVolume {
 /// How the depth buffer is read.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
-pub enum Sampling {
+pub enum DepthSampling {
     /// The farthest depth of every block of `block` × `block` pixels: no pixel goes unread, so that nothing
     /// visible is taken for hidden.
     Conservative {
@@ -132,7 +132,7 @@ pub enum Sampling {
     },
 }
 
-impl Default for Sampling {
+impl Default for DepthSampling {
     fn default() -> Self {
         Self::Conservative { block: 0 }
     }

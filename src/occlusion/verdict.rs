@@ -159,12 +159,12 @@ impl<'a> DepthTest<'a> {
     ///
     /// [`Verdict::Hidden`] and [`Verdict::Outside`] are given only if no pixel of what the volume encloses could pass
     /// the depth test against the pixels that were reduced, however Bevy's and the rasteriser's rounding falls. With
-    /// [`Sampling::Strided`](super::Sampling::Strided) that holds of the pixels read; what lies between them is
+    /// [`DepthSampling::Strided`](super::DepthSampling::Strided) that holds of the pixels read; what lies between them is
     /// `Hidden` (P2's own error). Equal depth is visible. A proxy without triangles counts as none.
     ///
     /// # Inputs
     /// Box and proxy in local space, each enclosing the object. Anything that is not finite, or larger than
-    /// [`CLIP_HUGE`](crate::culling::clip::CLIP_HUGE) in clip space, is `Visible`; so is what touches the near plane.
+    /// `CLIP_HUGE` in clip space, is `Visible`; so is what touches the near plane.
     ///
     /// # Limits
     /// A triangle so thin that the driver's depth interpolation leaves the range of its corners by more than 12u is

@@ -75,6 +75,7 @@ const FRAME_S: f64 = 1.0 / 60.0;
 
 /// Why something could not be rendered without a window.
 #[derive(thiserror::Error, Debug)]
+#[non_exhaustive]
 pub enum OfflineError {
     /// No GPU or no driver.
     #[error(

@@ -88,6 +88,7 @@ impl Sun {
 
 /// Why a picture could not be taken.
 #[derive(thiserror::Error, Debug)]
+#[non_exhaustive]
 pub enum RenderError {
     /// A coordinate or an angle is no number.
     #[error("{0} must be finite numbers")]

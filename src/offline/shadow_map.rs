@@ -51,6 +51,7 @@ pub struct MapShot {
 
 /// Why a map could not be made.
 #[derive(thiserror::Error, Debug)]
+#[non_exhaustive]
 pub enum MapError {
     /// No such elevation.
     #[error("the sun cannot stand {0} degrees above the horizon: use -90 to 90")]

@@ -14,10 +14,10 @@
 //! |---|---|
 //! | [`data`] | what is shown, gathered into plain values |
 //! | `budget` | what the frame budget says of itself |
-//! | [`stats`] | the last frames and their statistics |
+//! | `stats` | the last frames and their statistics |
 //! | [`counts`] | meshes that a camera does not show, by reason |
 //! | [`results`] | a file of `skyline accuracy`, and its Pareto front |
-//! | [`axis`] | an axis of a plot |
+//! | `axis` | an axis of a plot |
 //! | [`draw`] | the widgets, functions of the data |
 //!
 //! It is drawn by a camera of its own, after all others, into the primary window: the scene's cameras stay as they are,
@@ -25,14 +25,14 @@
 //! did so before; then its settings are the app's. Else it makes no context of its own accord, and input that the panel
 //! uses is kept from the rest of the app.
 
-pub mod axis;
+pub(crate) mod axis;
 #[cfg_attr(not(feature = "budget"), path = "no_budget.rs")]
 mod budget;
 pub mod counts;
 pub mod data;
 pub mod draw;
 pub mod results;
-pub mod stats;
+pub(crate) mod stats;
 
 use std::path::PathBuf;
 

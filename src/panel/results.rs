@@ -19,6 +19,7 @@ const LARGEST: f64 = 1e30;
 
 /// Why a file could not be shown.
 #[derive(thiserror::Error, Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ResultsError {
     /// There is nothing to read.
     #[error(

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use bevy::math::DVec3;
 
 use crate::interior::{
-    Faces, InteriorCulling, Model, Transparent,
+    InteriorCulling, InteriorFaces, InteriorTransparent, Model,
     lattice::{Lattice, REACH_UNITS, SEAL_UNITS, UNITS},
 };
 
@@ -48,8 +48,8 @@ pub fn triangles(model: &Model, settings: &InteriorCulling, lattice: &Lattice) -
             all.push(Triangle {
                 corners: if is_mirrored { [a, c, b] } else { [a, b, c] },
                 number: (part_number, number),
-                is_open: part.is_transparent && settings.transparent == Transparent::Open,
-                is_two_sided: part.is_two_sided || settings.faces == Faces::TwoSided,
+                is_open: part.is_transparent && settings.transparent == InteriorTransparent::Open,
+                is_two_sided: part.is_two_sided || settings.faces == InteriorFaces::TwoSided,
             });
         }
     }

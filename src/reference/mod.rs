@@ -2,7 +2,7 @@
 //! No Bevy render types here.
 
 #[cfg(feature = "terrain")]
-pub mod cell;
+pub(crate) mod cell;
 #[cfg(feature = "culling")]
 pub mod contribution;
 #[cfg(feature = "terrain")]
@@ -17,7 +17,7 @@ pub mod ray_cast;
 #[cfg(feature = "spherical")]
 pub mod spherical;
 #[cfg(feature = "terrain")]
-pub mod surface;
+pub(crate) mod surface;
 #[cfg(feature = "terrain")]
 pub mod terrain_shadow;
 #[cfg(feature = "budget")]

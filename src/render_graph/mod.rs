@@ -2,11 +2,11 @@
 //!
 //! | Pass | Schedule | After | Before | Because |
 //! |---|---|---|---|---|
-//! | `ask::<Terrain>` | `ExtractSchedule` | – | `extract_terrains` | whether anything asks; see [`called`] |
-//! | `ask::<TerrainShadow>` | `ExtractSchedule` | – | `extract_shadows` | whether anything asks; see [`called`] |
-//! | `ask::<ContributionCamera>` | `ExtractSchedule` | – | `extract_contribution` | whether anything asks; see [`called`] |
-//! | `ask::<ZBufferOcclusion>` | `ExtractSchedule` | – | `extract_occlusion` | whether anything asks; see [`called`] |
-//! | `ask::<ResolutionScale>` | `ExtractSchedule` | – | `extract_scales` | whether anything asks; see [`called`] |
+//! | `ask::<Terrain>` | `ExtractSchedule` | – | `extract_terrains` | whether anything asks; see `called` |
+//! | `ask::<TerrainShadow>` | `ExtractSchedule` | – | `extract_shadows` | whether anything asks; see `called` |
+//! | `ask::<ContributionCamera>` | `ExtractSchedule` | – | `extract_contribution` | whether anything asks; see `called` |
+//! | `ask::<ZBufferOcclusion>` | `ExtractSchedule` | – | `extract_occlusion` | whether anything asks; see `called` |
+//! | `ask::<ResolutionScale>` | `ExtractSchedule` | – | `extract_scales` | whether anything asks; see `called` |
 //! | `extract_terrains` | `ExtractSchedule` | – | – | uploads changed heights straight from the asset |
 //! | `extract_shadows` | `ExtractSchedule` | – | – | notes which heights have changed |
 //! | `prepare_terrain_views` | `Render`, `PrepareResources` | – | – | rays, textures, lists |
@@ -42,7 +42,7 @@
 //! | `recheck::<WithPrepass>`, `build_late_prepass`, `late_view_prepass`, `late_view_deferred` | `Core3d`, `Prepass`, chained | `late_prepass`, `per_view_shadow_pass::<LATE_SHADOW_PASS>`, `shared_shadow_pass::<LATE_SHADOW_PASS>` | `late_deferred_prepass`, `main_build_indirect_parameters` | all that a prepass draws early is in the depth, terrain included; draw commands that the lights still need are not rebuilt before; copies of what the deferred prepass wrote come after; what is drawn late is in the main pass's draws |
 //! | `recheck::<WithoutPrepass>`, `build_late_main`, `late_opaque` | `Core3d`, `MainPass`, chained | `main_opaque_pass_3d` | `terrain_shade`, `main_transmissive_pass_3d`, `main_transparent_pass_3d`, `render_sky` | all that is drawn early is in the depth; pixels drawn late are not lit as terrain; glass shows them, transparency blends over them, air lies before them |
 //!
-//! Of an effect that no entity asks for, nothing runs but the question ([`called`]): `extract_…` and all below are
+//! Of an effect that no entity asks for, nothing runs but the question (`called`): `extract_…` and all below are
 //! conditional on its answer, or on what was extracted and is still held.
 //!
 //! A test holds every row against the schedules as they are built, and finds systems that are not in it; the picture of
@@ -58,17 +58,17 @@
 //! pass, what `late_view_prepass` drew in the prepass.
 
 #[cfg(any(feature = "terrain", feature = "culling", feature = "budget"))]
-pub mod called;
+pub(crate) mod called;
 #[cfg(feature = "terrain")]
 pub mod cascades;
 #[cfg(feature = "culling")]
 pub mod contribution;
 #[cfg(feature = "terrain")]
-pub mod extract;
+pub(crate) mod extract;
 #[cfg(feature = "terrain")]
 pub mod height_mips;
 #[cfg(any(feature = "interior", feature = "spherical"))]
-pub mod mesh_uploads;
+pub(crate) mod mesh_uploads;
 #[cfg(feature = "culling")]
 pub mod occludee_verdicts;
 #[cfg(feature = "culling")]
@@ -76,14 +76,14 @@ pub mod occlusion;
 #[cfg(any(feature = "terrain", feature = "culling"))]
 mod order;
 #[cfg(feature = "terrain")]
-pub mod pipelines;
+pub(crate) mod pipelines;
 #[cfg(feature = "terrain")]
 mod readback;
 pub(crate) mod shaders;
 #[cfg(feature = "terrain")]
 pub mod stats;
 #[cfg(feature = "terrain")]
-pub mod subdivide;
+pub(crate) mod subdivide;
 #[cfg(feature = "terrain")]
 pub mod terrain;
 #[cfg(feature = "terrain")]

@@ -192,7 +192,7 @@ impl SphericalChunks {
     }
 
     /// Whether a chunk shows the eye anything: `false` only if no triangle of it can be drawn, being seen from behind.
-    /// It errs towards `true`; see [what a chunk is left out by](self).
+    /// It errs towards `true`; the head of this file says what a chunk is left out by.
     pub fn faces_eye(&self, chunk: &Chunk, view: &View) -> bool {
         if view.is_any {
             return true;

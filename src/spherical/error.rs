@@ -2,6 +2,7 @@ use super::bins::MAX_BINS;
 
 /// What is wrong with what was given to be indexed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SphericalError {
     /// The bins' number is zero or too great.
     #[error(

@@ -13,7 +13,7 @@ pub enum Layout {
     /// that face outward before those that face inward.
     Rows,
     /// In blocks of bins that are near one another and whose triangles face alike, first all that face outward, then
-    /// all that face inward. A bin is up to two ranges. What [`chunks`](super::chunks) are best cut from.
+    /// all that face inward. A bin is up to two ranges. What `chunks` are best cut from.
     #[default]
     Blocks,
 }

@@ -20,7 +20,7 @@ use super::spans::Spans;
 use crate::budget::{FrameBudget, WorkloadPolicy};
 use crate::{
     contribution::{
-        ContributionCamera, ContributionCounts, ContributionCulling, Exit,
+        ContributionCamera, ContributionCounts, ContributionCulling, ContributionExit,
         area::AreaView,
         rank::{NEVER_GOES, Standard},
     },
@@ -129,7 +129,7 @@ pub fn measure_areas(
         let list = item.visible.get(TypeId::of::<Mesh3d>());
         let by_gpu = can_gpu
             && list.len() >= item.settings.gpu_from
-            && item.settings.exit == Exit::Cut
+            && item.settings.exit == ContributionExit::Cut
             && !item.has_budget
             && !item.has_policy
             && !item.has_occlusion
@@ -256,7 +256,9 @@ pub fn cull_small(
             take_verdicts(&table, list, state, culled, counts);
         } else {
             let seconds = match settings.exit {
-                Exit::Dithered { seconds } if seconds.is_finite() && seconds > 0.0 => Some(seconds),
+                ContributionExit::Dithered { seconds } if seconds.is_finite() && seconds > 0.0 => {
+                    Some(seconds)
+                }
                 _ => None,
             };
             if let Some(seconds) = seconds {
@@ -325,7 +327,7 @@ fn complaint(settings: &ContributionCulling, may_be_zero: bool) -> Option<Compla
         Some(Complaint::Hysteresis)
     } else {
         match settings.exit {
-            Exit::Dithered { seconds } if !(seconds.is_finite() && seconds > 0.0) => {
+            ContributionExit::Dithered { seconds } if !(seconds.is_finite() && seconds > 0.0) => {
                 Some(Complaint::Seconds)
             }
             _ => None,

@@ -7,11 +7,11 @@ pub(crate) mod background;
 #[cfg(feature = "budget")]
 pub mod budget;
 #[cfg(feature = "culling")]
-pub mod candidates;
+pub(crate) mod candidates;
 #[cfg(feature = "culling")]
 pub mod contribution;
 #[cfg(feature = "culling")]
-pub mod contribution_fade;
+pub(crate) mod contribution_fade;
 #[cfg(any(feature = "interior", feature = "spherical"))]
 pub(crate) mod gather;
 #[cfg(feature = "interior")]
@@ -19,7 +19,7 @@ pub mod interior;
 #[cfg(feature = "culling")]
 pub mod occlusion;
 #[cfg(feature = "budget")]
-pub mod resolution;
+pub(crate) mod resolution;
 #[cfg(any(feature = "interior", feature = "spherical"))]
 pub(crate) mod slice;
 #[cfg(any(feature = "budget", feature = "culling", feature = "terrain"))]
@@ -33,4 +33,4 @@ pub mod terrain;
 #[cfg(feature = "terrain")]
 pub mod terrain_shadow;
 #[cfg(all(feature = "budget", feature = "culling"))]
-pub mod workload_policy;
+pub(crate) mod workload_policy;

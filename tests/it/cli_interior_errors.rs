@@ -3,7 +3,7 @@
 use std::{num::NonZero, path::Path};
 
 use bevy_skyline::{
-    interior::{Grid, InteriorCulling},
+    interior::{InteriorCulling, InteriorGrid},
     offline::interior::trim,
 };
 use serde_json::{Value, json};
@@ -538,7 +538,7 @@ fn no_mutation_makes_it_panic() {
     let dir = directory();
     let model = rich_model();
     let settings = InteriorCulling {
-        grid: Grid::Resolution(8),
+        grid: InteriorGrid::Resolution(8),
         memory_mib: 16,
         ..Default::default()
     };

@@ -17,7 +17,7 @@ use bevy_skyline::{
     contribution::area::AreaView,
     culling::volume::LocalBox,
     occlusion::{
-        Sampling,
+        DepthSampling,
         depth::ReducedDepth,
         verdict::{DepthTest, Verdict},
     },
@@ -491,7 +491,7 @@ fn half_a_box_shows_beside_a_wall() {
         let pixels: Vec<f32> = (0..size.x * size.y)
             .map(|i| if i % size.x < 32 { 0.05 } else { 0.0 })
             .collect();
-        let sampling = Sampling::Conservative { block };
+        let sampling = DepthSampling::Conservative { block };
         let depth = ReducedDepth::from_pixels(lens(NEAR), size, sampling, &pixels).expect("fits");
         let volume = boxed(Vec3::NEG_Z * 24.0, Vec3::new(side, side, 0.0));
         let share = DepthTest::new(&depth).visible_share(&Affine3A::IDENTITY, &volume);

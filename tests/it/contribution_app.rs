@@ -735,7 +735,7 @@ fn shown(field: &Field) -> usize {
 #[test]
 fn a_fade_thins_out_and_leaves_nothing_behind() {
     let settings = |threshold| ContributionCulling {
-        exit: Exit::Dithered { seconds: 0.3 },
+        exit: ContributionExit::Dithered { seconds: 0.3 },
         ..culling(threshold)
     };
     let Some(mut field) = Field::new(settings(1.0), || ()) else {

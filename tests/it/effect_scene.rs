@@ -291,7 +291,7 @@ impl Scene {
                 }
                 Effect::InteriorCulling => {
                     world.entity_mut(model).insert(InteriorCulling {
-                        grid: Grid::Resolution(32),
+                        grid: InteriorGrid::Resolution(32),
                         ..default()
                     });
                 }

@@ -80,7 +80,7 @@ fn mesh() -> Mesh {
 fn squares() -> Image {
     let side = 2 * CELLS;
     let texels = (0..side * side).flat_map(|at| {
-        if (at % side / 2 + at / side / 2) % 2 == 0 {
+        if (at % side / 2 + at / side / 2).is_multiple_of(2) {
             [230, 200, 40, 255]
         } else {
             [30, 60, 140, 255]

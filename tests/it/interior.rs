@@ -6,8 +6,9 @@ use std::{num::NonZero, sync::Arc};
 use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy_skyline::{
     interior::{
-        Faces, Grid, InteriorCulling, InteriorError, Level, Mode, Model, Outcome, Part, Progress,
-        Stage, Surface, Transparent, Verdict, cull, distance_field, front,
+        InteriorCulling, InteriorError, InteriorFaces, InteriorGrid, InteriorLevel, InteriorMode,
+        InteriorTransparent, Model, Outcome, Part, Progress, Stage, Surface, Verdict, cull,
+        distance_field, front,
     },
     reference::interior as twin,
 };
@@ -20,7 +21,7 @@ pub fn crew() -> NonZero<usize> {
 
 pub fn at(resolution: u32) -> InteriorCulling {
     InteriorCulling {
-        grid: Grid::Resolution(resolution),
+        grid: InteriorGrid::Resolution(resolution),
         ..Default::default()
     }
 }
@@ -265,11 +266,11 @@ fn assert_seen_stays(model: &Model, outcome: &Outcome) {
     }
 }
 
-fn each_face() -> [(bool, Faces); 3] {
+fn each_face() -> [(bool, InteriorFaces); 3] {
     [
-        (true, Faces::AsDrawn),
-        (false, Faces::AsDrawn),
-        (false, Faces::TwoSided),
+        (true, InteriorFaces::AsDrawn),
+        (false, InteriorFaces::AsDrawn),
+        (false, InteriorFaces::TwoSided),
     ]
 }
 
@@ -622,12 +623,12 @@ fn a_plane_without_thickness_stays_and_hides_what_is_below_it_from_nobody() {
         part(plane),
         placed(part(cube(0.1)), DAffine3::from_translation(DVec3::NEG_Y)),
     ]);
-    for mode in [Mode::Conservative, Mode::Sampled] {
+    for mode in [InteriorMode::Conservative, InteriorMode::Sampled] {
         let outcome = culled(&model, &InteriorCulling { mode, ..at(32) });
         match mode {
-            Mode::Conservative => assert_eq!(outcome.parts, [Verdict::Seen, Verdict::Seen]),
+            InteriorMode::Conservative => assert_eq!(outcome.parts, [Verdict::Seen, Verdict::Seen]),
             // The paper's extraction reads surfaces between an outside point and an inside one; a plane has none.
-            Mode::Sampled => assert_eq!(outcome.parts[0], Verdict::Hidden),
+            InteriorMode::Sampled => assert_eq!(outcome.parts[0], Verdict::Hidden),
         }
     }
 }
@@ -695,7 +696,7 @@ fn what_is_seen_through_the_back_of_one_sided_faces_stays() {
         assert_seen_stays(&room, &outcome);
         assert_eq!(outcome.parts, [Verdict::Seen, Verdict::Seen]);
         let closed = InteriorCulling {
-            faces: Faces::TwoSided,
+            faces: InteriorFaces::TwoSided,
             ..at(64)
         };
         assert_eq!(culled(&room, &closed).parts[1], Verdict::Hidden);
@@ -715,7 +716,7 @@ fn transparent_parts_are_open_or_closed_as_is_asked() {
         [Verdict::Seen, Verdict::Seen, Verdict::Hidden]
     );
     let closed = InteriorCulling {
-        transparent: Transparent::Closed,
+        transparent: InteriorTransparent::Closed,
         ..at(64)
     };
     let outcome = culled(&model, &closed);
@@ -744,7 +745,11 @@ fn far_from_the_origin_the_verdicts_are_the_same() {
 #[test]
 fn a_model_smaller_than_the_rounding_of_where_it_is_stays() {
     for (far, size) in [(1e9, 1e-4), (1e9, 1e-9), (1e12, 1.0), (1e3, 0.0)] {
-        for grid in [Grid::Resolution(3), Grid::Resolution(256), Grid::Gap(1e6)] {
+        for grid in [
+            InteriorGrid::Resolution(3),
+            InteriorGrid::Resolution(256),
+            InteriorGrid::Gap(1e6),
+        ] {
             let mut tiny = model([part(cube(1.0))]);
             tiny.parts[0].model_from_local =
                 DAffine3::from_translation(DVec3::new(far, -far, 0.3 * far))
@@ -795,8 +800,8 @@ fn a_coarse_sampled_grid_takes_what_is_seen_and_a_conservative_one_does_not() {
         println!("{mode:?}: {gone} rays meet what is gone");
         gone
     };
-    assert!(count(Mode::Sampled) > 100);
-    assert_eq!(count(Mode::Conservative), 0);
+    assert!(count(InteriorMode::Sampled) > 100);
+    assert_eq!(count(InteriorMode::Conservative), 0);
 }
 
 #[test]
@@ -804,7 +809,7 @@ fn a_node_stays_whole_when_any_of_it_is_seen() {
     let mut model = model([part(cube(1.0)), part(cube(0.5)), part(cube(0.2))]);
     model.parts[1].node = 0;
     let settings = InteriorCulling {
-        level: Level::Node,
+        level: InteriorLevel::Node,
         ..at(64)
     };
     let outcome = culled(&model, &settings);
@@ -818,7 +823,7 @@ fn a_node_stays_whole_when_any_of_it_is_seen() {
 fn verdicts_do_not_depend_on_threads() {
     let mut dice = Dice(8);
     let model = model([part(cube(0.8)), dice.soup(3000, false)]);
-    for mode in [Mode::Sampled, Mode::Conservative] {
+    for mode in [InteriorMode::Sampled, InteriorMode::Conservative] {
         let settings = InteriorCulling { mode, ..at(60) };
         let with = |threads| {
             let threads = NonZero::new(threads).expect("some");
@@ -837,7 +842,7 @@ fn a_gap_is_a_resolution() {
     let by_cells = culled(&model, &at(100)).lattice;
     assert!((by_cells.gap() - 2.0 / 100.0 * 3f64.sqrt()).abs() < 1e-12);
     let by_gap = InteriorCulling {
-        grid: Grid::Gap(by_cells.gap() as f32),
+        grid: InteriorGrid::Gap(by_cells.gap() as f32),
         ..Default::default()
     };
     let by_gap = culled(&model, &by_gap).lattice;
@@ -868,13 +873,13 @@ fn what_cannot_be_culled_says_why_and_what_would_help() {
     );
     for gap in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         let settings = InteriorCulling {
-            grid: Grid::Gap(gap),
+            grid: InteriorGrid::Gap(gap),
             ..Default::default()
         };
         assert!(matches!(refused(&cube, &settings), InteriorError::Gap(_)));
     }
     let fine = InteriorCulling {
-        grid: Grid::Gap(1e-5),
+        grid: InteriorGrid::Gap(1e-5),
         memory_mib: 100,
         ..Default::default()
     };
@@ -895,9 +900,9 @@ fn what_cannot_be_culled_says_why_and_what_would_help() {
         };
         distance_field(&cube, &settings, crew(), &Progress::default()).is_ok()
     };
-    assert!(fits(Grid::Gap(smallest_gap as f32 * 1.000_001)));
-    assert!(fits(Grid::Resolution(resolution)));
-    assert!(!fits(Grid::Resolution(resolution + 1)));
+    assert!(fits(InteriorGrid::Gap(smallest_gap as f32 * 1.000_001)));
+    assert!(fits(InteriorGrid::Resolution(resolution)));
+    assert!(!fits(InteriorGrid::Resolution(resolution + 1)));
     let stopped = Progress::default();
     stopped.cancel();
     assert_eq!(

@@ -30,7 +30,7 @@ struct Scene {
 
 fn settings() -> InteriorCulling {
     InteriorCulling {
-        grid: Grid::Resolution(64),
+        grid: InteriorGrid::Resolution(64),
         ..default()
     }
 }
@@ -376,10 +376,10 @@ fn other_settings_are_taken_up() {
         assert_eq!(scene.mesh_of(hull), whole);
         scene.until("are hidden");
     };
-    level(&mut scene, Level::Node);
+    level(&mut scene, InteriorLevel::Node);
     assert!(scene.is_hidden(inside));
     assert_eq!(scene.mesh_of(hull), whole);
-    level(&mut scene, Level::Triangle);
+    level(&mut scene, InteriorLevel::Triangle);
     assert_ne!(scene.mesh_of(hull), whole);
     let models = scene.world().resource::<InteriorModels>();
     assert_eq!(models.kept_results(), 2, "the first was there still");
@@ -402,7 +402,7 @@ fn work_in_the_background_ends_with_its_model() {
         scene.part(&ball, Vec3::new(i as f32 * 0.1, 0.0, 0.0));
     }
     let long = InteriorCulling {
-        grid: Grid::Resolution(800),
+        grid: InteriorGrid::Resolution(800),
         ..default()
     };
     let is_at_work = |state: &EffectState| {
@@ -812,17 +812,17 @@ fn what_goes_wrong_is_said_with_the_remedy() {
     let outer = scene.add_mesh(cube(2.0));
     let hull = scene.part(&outer, Vec3::ZERO);
     let grid = |grid| InteriorCulling { grid, ..settings() };
-    scene.begin(grid(Grid::Resolution(0)));
+    scene.begin(grid(InteriorGrid::Resolution(0)));
     scene.until("idle: a grid of 0 cells is none; ask for 1");
     let root = scene.root;
     scene
         .world()
         .entity_mut(root)
-        .insert(grid(Grid::Gap(f32::NAN)));
+        .insert(grid(InteriorGrid::Gap(f32::NAN)));
     scene.until("a gap of NaN is none");
     scene.world().entity_mut(root).insert(InteriorCulling {
         memory_mib: 1,
-        ..grid(Grid::Resolution(3000))
+        ..grid(InteriorGrid::Resolution(3000))
     });
     scene.until("are allowed; allow as much");
     scene.world().entity_mut(root).insert(settings());

@@ -9,8 +9,9 @@ use bevy::{
 };
 use bevy_skyline::{
     interior::{
-        FieldDevice, FieldOrigin, InteriorCulling, InteriorGpu, InteriorGpuError, Level, Mode,
-        Model, Part, Progress, Stage, Surface, Transparent, Verdict, cull, cull_on,
+        FieldDevice, FieldOrigin, InteriorCulling, InteriorGpu, InteriorGpuError, InteriorLevel,
+        InteriorMode, InteriorTransparent, Model, Part, Progress, Stage, Surface, Verdict, cull,
+        cull_on,
         field::Field,
         gpu::INTERIOR_FIELD_WGSL,
         lattice::{Lattice, UNITS},
@@ -724,14 +725,14 @@ fn verdicts_are_the_same_wherever_the_field_was_made() {
     for settings in [
         InteriorCulling::default(),
         InteriorCulling {
-            mode: Mode::Sampled,
-            transparent: Transparent::Closed,
+            mode: InteriorMode::Sampled,
+            transparent: InteriorTransparent::Closed,
             ..Default::default()
         },
         InteriorCulling {
-            level: Level::Node,
-            grid: bevy_skyline::interior::Grid::Resolution(41),
-            faces: bevy_skyline::interior::Faces::TwoSided,
+            level: InteriorLevel::Node,
+            grid: bevy_skyline::interior::InteriorGrid::Resolution(41),
+            faces: bevy_skyline::interior::InteriorFaces::TwoSided,
             ..Default::default()
         },
     ] {
@@ -776,7 +777,7 @@ fn a_culling_on_the_gpu_can_be_stopped() {
         model.parts.extend(parts.iter().cloned());
     }
     let settings = InteriorCulling {
-        grid: bevy_skyline::interior::Grid::Resolution(400),
+        grid: bevy_skyline::interior::InteriorGrid::Resolution(400),
         ..Default::default()
     };
     let threads = NonZero::<usize>::MIN;

@@ -216,7 +216,7 @@ fn a_model_that_bevy_loads_is_culled_as_its_file_is() {
     let root = offline.app.world_mut().spawn((
         WorldAssetRoot(scene),
         InteriorCulling {
-            grid: Grid::Resolution(32),
+            grid: InteriorGrid::Resolution(32),
             ..default()
         },
     ));

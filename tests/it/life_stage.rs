@@ -89,7 +89,7 @@ pub fn shadow() -> TerrainShadow {
 
 pub fn interior() -> InteriorCulling {
     InteriorCulling {
-        grid: Grid::Resolution(40),
+        grid: InteriorGrid::Resolution(40),
         ..default()
     }
 }

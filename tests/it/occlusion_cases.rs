@@ -8,7 +8,7 @@ use bevy::{
 };
 use bevy_skyline::{
     culling::volume::{LocalBox, Proxy, SweptTriangle},
-    occlusion::{Sampling, depth::ReducedDepth, verdict::Verdict},
+    occlusion::{DepthSampling, depth::ReducedDepth, verdict::Verdict},
 };
 
 /// Numbers that look random.
@@ -60,7 +60,7 @@ pub struct HardCase {
 }
 
 const VIEWPORT: UVec2 = UVec2::new(64, 48);
-const BLOCK: Sampling = Sampling::Conservative { block: 4 };
+const BLOCK: DepthSampling = DepthSampling::Conservative { block: 4 };
 const NEAR: f32 = 0.1;
 
 /// 90° high, 4:3, looking along −Z.
@@ -73,7 +73,12 @@ pub fn flat_lens() -> Mat4 {
     Mat4::orthographic_rh(-32.0, 32.0, -24.0, 24.0, 100.0, 0.0)
 }
 
-pub fn reduced(clip: Mat4, viewport: UVec2, sampling: Sampling, pixels: &[f32]) -> ReducedDepth {
+pub fn reduced(
+    clip: Mat4,
+    viewport: UVec2,
+    sampling: DepthSampling,
+    pixels: &[f32],
+) -> ReducedDepth {
     ReducedDepth::from_pixels(clip, viewport, sampling, pixels).expect("sizes fit")
 }
 
@@ -167,7 +172,7 @@ pub fn hard_cases() -> Vec<HardCase> {
     case("around the camera", &wall, boxed(0.0, 0.0, 0.0, 2.0), Visible);
     case("a corner at the eye", &wall, boxed(1.0, 1.0, -1.0, 1.0), Visible);
     // A rasteriser may move it onto the one row there is.
-    let line = reduced(flat_lens(), UVec2::new(4, 1), Sampling::Conservative { block: 1 }, &[1.0; 4]);
+    let line = reduced(flat_lens(), UVec2::new(4, 1), DepthSampling::Conservative { block: 1 }, &[1.0; 4]);
     let beside = |y| boxed(0.0, y, 0.0, 1.0);
     case("at the near plane, a hair beside the view", &line, beside(25.01), Visible);
     case("at the near plane, beside the view", &line, beside(26.0), Outside);
@@ -295,7 +300,7 @@ pub fn hard_cases() -> Vec<HardCase> {
     case("at 10,000 km from the origin, within its rounding", &far_off, there(-102.0), Visible);
     case("at 10,000 km from the origin, behind the camera", &far_off, there(2000.0), Outside);
 
-    let samples = Sampling::Strided { x: 8, y: 8 };
+    let samples = DepthSampling::Strided { x: 8, y: 8 };
     let sparse = reduced(flat_lens(), VIEWPORT, samples, &[0.1; 64 * 48]);
     case("strided, no sample inside", &sparse, over_pixels([9.1, 15.9], [9.1, 15.9]), Hidden);
     case("strided, no row of samples inside", &sparse, over_pixels([9.1, 30.0], [9.1, 15.9]), Hidden);
@@ -313,7 +318,7 @@ pub fn hard_cases() -> Vec<HardCase> {
     pixels[61 * 47 - 1] = 0.0;
     let last = reduced(lens(NEAR), odd, BLOCK, &pixels);
     case("blocks cut by the viewport, a hole in the last", &last, boxed(0.0, 0.0, -2e4, 1.5e4), Visible);
-    let fine = Sampling::Conservative { block: 1 };
+    let fine = DepthSampling::Conservative { block: 1 };
     let every = reduced(lens(NEAR), odd, fine, &pixels);
     case("every pixel a block, a hole in the last", &every, boxed(0.0, 0.0, -2e4, 1.5e4), Visible);
     case("every pixel a block, no hole before it", &every, boxed(0.0, 0.0, -20.0, 5.0), Hidden);
@@ -396,11 +401,11 @@ pub fn random_view(random: &mut Random, count: usize) -> (ReducedDepth, Vec<Case
         pixels[hole] = 0.0;
     }
     let sampling = match random.below(4) {
-        0 => Sampling::Strided {
+        0 => DepthSampling::Strided {
             x: 1 + random.below(8) as u32,
             y: 1 + random.below(8) as u32,
         },
-        _ => Sampling::Conservative {
+        _ => DepthSampling::Conservative {
             block: 1 + random.below(8) as u32,
         },
     };

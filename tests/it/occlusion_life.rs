@@ -338,9 +338,9 @@ fn a_changed_viewport_sampling_or_multisampling_shows_nothing_wrong() {
         }
         if let Some(mut settings) = world.get_mut::<ZBufferOcclusion>(scene.culling) {
             settings.sampling = match frame / 6 % 3 {
-                0 => Sampling::default(),
-                1 => Sampling::Conservative { block: 3 },
-                _ => Sampling::Conservative { block: 8 },
+                0 => DepthSampling::default(),
+                1 => DepthSampling::Conservative { block: 3 },
+                _ => DepthSampling::Conservative { block: 8 },
             };
             settings.volume = match frame / 5 % 3 {
                 0 => OccludeeVolume::Aabb,
@@ -614,7 +614,7 @@ fn what_removes_nothing_rests_and_looks_again() {
 #[test]
 fn an_impossible_setting_is_told_and_drawn_within_its_range() {
     let Some(mut scene) = forward(ZBufferOcclusion {
-        sampling: Sampling::Conservative { block: 1000 },
+        sampling: DepthSampling::Conservative { block: 1000 },
         ..always()
     }) else {
         return;

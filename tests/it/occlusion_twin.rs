@@ -13,7 +13,7 @@ use bevy::{
 use bevy_skyline::{
     culling::volume::LocalBox,
     occlusion::{
-        Sampling,
+        DepthSampling,
         depth::{GpuOcclusionView, ReducedDepth, layout, texel_count},
         verdict::{DepthTest, Verdict},
     },
@@ -376,11 +376,11 @@ fn reduction_takes_the_farthest_of_every_pixel() {
             .map(|_| random.within(0.0, 1.0) as f32)
             .collect();
         let sampling = if k % 2 == 0 {
-            Sampling::Conservative {
+            DepthSampling::Conservative {
                 block: 1 + random.below(7) as u32,
             }
         } else {
-            Sampling::Strided {
+            DepthSampling::Strided {
                 x: 1 + random.below(7) as u32,
                 y: 1 + random.below(7) as u32,
             }
@@ -409,7 +409,7 @@ fn reduction_takes_the_farthest_of_every_pixel() {
         }
     }
     let size = UVec2::new(3, 2);
-    let sampling = Sampling::default();
+    let sampling = DepthSampling::default();
     assert!(ReducedDepth::from_pixels(Mat4::IDENTITY, size, sampling, &[0.0; 5]).is_err());
     assert!(ReducedDepth::from_pixels(Mat4::IDENTITY, UVec2::ZERO, sampling, &[]).is_err());
 }

@@ -6,7 +6,9 @@ use std::{path::Path, sync::Arc};
 
 use bevy::math::DAffine3;
 use bevy_skyline::{
-    interior::{Grid, InteriorCulling, InteriorError, Model, Part, Progress, Surface, cull},
+    interior::{
+        InteriorCulling, InteriorError, InteriorGrid, Model, Part, Progress, Surface, cull,
+    },
     offline::{
         interior::{read_model, trim},
         scenes::{SceneError, city},
@@ -118,7 +120,7 @@ fn a_sparse_part_of_nothing_is_taken_out() {
     });
     let out = dir.path().join("out.glb");
     let settings = InteriorCulling {
-        grid: Grid::Resolution(8),
+        grid: InteriorGrid::Resolution(8),
         ..Default::default()
     };
     let before = read_model(&path, 16)
@@ -153,7 +155,7 @@ fn a_model_too_far_away_to_calculate_with_is_refused() {
         }],
     };
     let settings = InteriorCulling {
-        grid: Grid::Resolution(8),
+        grid: InteriorGrid::Resolution(8),
         ..Default::default()
     };
     let found = |scale| {

@@ -7,7 +7,10 @@ use std::{
 };
 
 use bevy_skyline::{
-    interior::{Faces, Grid, InteriorCulling, Level, Mode, Model, Transparent},
+    interior::{
+        InteriorCulling, InteriorFaces, InteriorGrid, InteriorLevel, InteriorMode,
+        InteriorTransparent, Model,
+    },
     offline::{
         interior::{read_model, trim},
         scenes::{city, obj},
@@ -368,14 +371,14 @@ fn what_is_trimmed_can_be_read_again() {
         write(&input, &bytes);
         let settings = InteriorCulling {
             grid: match lot.below(6) {
-                0 => Grid::Resolution(lot.u32()),
-                1 => Grid::Gap(lot.f32()),
-                _ => Grid::Resolution(1 + lot.below(9) as u32),
+                0 => InteriorGrid::Resolution(lot.u32()),
+                1 => InteriorGrid::Gap(lot.f32()),
+                _ => InteriorGrid::Resolution(1 + lot.below(9) as u32),
             },
-            level: lot.pick(&[Level::Node, Level::Triangle]),
-            mode: lot.pick(&[Mode::Sampled, Mode::Conservative]),
-            transparent: lot.pick(&[Transparent::Open, Transparent::Closed]),
-            faces: lot.pick(&[Faces::AsDrawn, Faces::TwoSided]),
+            level: lot.pick(&[InteriorLevel::Node, InteriorLevel::Triangle]),
+            mode: lot.pick(&[InteriorMode::Sampled, InteriorMode::Conservative]),
+            transparent: lot.pick(&[InteriorTransparent::Open, InteriorTransparent::Closed]),
+            faces: lot.pick(&[InteriorFaces::AsDrawn, InteriorFaces::TwoSided]),
             memory_mib: if lot.one_in(20) { 0 } else { MEMORY_MIB },
             ..Default::default()
         };

@@ -18,11 +18,11 @@ use bevy_skyline::{
     contribution::{area::AreaView, rank::Standard},
     culling::volume::LocalBox,
     interior::{
-        Faces, Grid, InteriorCulling, Level, Mode, Model, Part, Progress, Surface, Transparent,
-        cull,
+        InteriorCulling, InteriorFaces, InteriorGrid, InteriorLevel, InteriorMode,
+        InteriorTransparent, Model, Part, Progress, Surface, cull,
     },
     occlusion::{
-        Sampling,
+        DepthSampling,
         depth::ReducedDepth,
         obb,
         pace::{self, Pace},
@@ -122,9 +122,9 @@ fn no_view_makes_areas_rays_or_depth_tests_panic() {
         );
 
         let sampling = if lot.one_in(2) {
-            Sampling::Conservative { block: lot.u32() }
+            DepthSampling::Conservative { block: lot.u32() }
         } else {
-            Sampling::Strided {
+            DepthSampling::Strided {
                 x: lot.u32(),
                 y: lot.u32(),
             }
@@ -574,14 +574,14 @@ fn no_model_or_grid_makes_interior_culling_or_volumes_panic() {
         }
         let settings = InteriorCulling {
             grid: match lot.below(9) {
-                0 => Grid::Resolution(lot.u32()),
-                1 => Grid::Gap(lot.f32()),
-                _ => Grid::Resolution(1 + lot.below(12) as u32),
+                0 => InteriorGrid::Resolution(lot.u32()),
+                1 => InteriorGrid::Gap(lot.f32()),
+                _ => InteriorGrid::Resolution(1 + lot.below(12) as u32),
             },
-            level: lot.pick(&[Level::Node, Level::Triangle]),
-            mode: lot.pick(&[Mode::Sampled, Mode::Conservative]),
-            transparent: lot.pick(&[Transparent::Open, Transparent::Closed]),
-            faces: lot.pick(&[Faces::AsDrawn, Faces::TwoSided]),
+            level: lot.pick(&[InteriorLevel::Node, InteriorLevel::Triangle]),
+            mode: lot.pick(&[InteriorMode::Sampled, InteriorMode::Conservative]),
+            transparent: lot.pick(&[InteriorTransparent::Open, InteriorTransparent::Closed]),
+            faces: lot.pick(&[InteriorFaces::AsDrawn, InteriorFaces::TwoSided]),
             memory_mib: lot.below(3) as u32,
             ..Default::default()
         };

@@ -27,9 +27,9 @@ fn camera_settings(lot: &mut Lot, mut camera: EntityWorldMut) {
                 },
             ]),
             sampling: if lot.one_in(2) {
-                Sampling::Conservative { block: lot.u32() }
+                DepthSampling::Conservative { block: lot.u32() }
             } else {
-                Sampling::Strided {
+                DepthSampling::Strided {
                     x: lot.u32(),
                     y: lot.u32(),
                 }
@@ -42,9 +42,9 @@ fn camera_settings(lot: &mut Lot, mut camera: EntityWorldMut) {
             threshold_px2: lot.f32(),
             hysteresis: lot.f32(),
             exit: if lot.one_in(2) {
-                Exit::Dithered { seconds: lot.f32() }
+                ContributionExit::Dithered { seconds: lot.f32() }
             } else {
-                Exit::Cut
+                ContributionExit::Cut
             },
             weigh_by_visibility: lot.one_in(2),
             gpu_from: lot.pick(&[0, 1, usize::MAX]),
@@ -100,14 +100,14 @@ fn terrain_settings(lot: &mut Lot, mut terrain: EntityWorldMut) {
 fn model_settings(lot: &mut Lot, mut model: EntityWorldMut) {
     model.insert(InteriorCulling {
         grid: if lot.one_in(2) {
-            Grid::Resolution(lot.u32())
+            InteriorGrid::Resolution(lot.u32())
         } else {
-            Grid::Gap(lot.f32())
+            InteriorGrid::Gap(lot.f32())
         },
-        level: lot.pick(&[Level::Node, Level::Triangle]),
-        mode: lot.pick(&[Mode::Sampled, Mode::Conservative]),
-        transparent: lot.pick(&[Transparent::Open, Transparent::Closed]),
-        faces: lot.pick(&[Faces::AsDrawn, Faces::TwoSided]),
+        level: lot.pick(&[InteriorLevel::Node, InteriorLevel::Triangle]),
+        mode: lot.pick(&[InteriorMode::Sampled, InteriorMode::Conservative]),
+        transparent: lot.pick(&[InteriorTransparent::Open, InteriorTransparent::Closed]),
+        faces: lot.pick(&[InteriorFaces::AsDrawn, InteriorFaces::TwoSided]),
         field: lot.pick(&[FieldBy::Cpu, FieldBy::Gpu]),
         memory_mib: lot.pick(&[0, 1, 16]),
     });

@@ -841,7 +841,7 @@ fn what_an_interior_hides_and_what_is_indexed_get_along() {
     scene.index(settings());
     let before = scene.picture();
     scene.world().entity_mut(root).insert(InteriorCulling {
-        grid: Grid::Resolution(48),
+        grid: InteriorGrid::Resolution(48),
         ..default()
     });
     let interior = |scene: &Scene| {

@@ -3,7 +3,10 @@
 use std::{num::NonZero, path::PathBuf};
 
 use bevy_skyline::{
-    interior::{Faces, Grid, InteriorCulling, Level, Mode, Transparent},
+    interior::{
+        InteriorCulling, InteriorFaces, InteriorGrid, InteriorLevel, InteriorMode,
+        InteriorTransparent,
+    },
     offline::interior::{TrimFigures, trim},
 };
 use clap::{Args, ValueEnum};
@@ -94,25 +97,25 @@ impl InteriorArgs {
         let base = InteriorCulling::default();
         InteriorCulling {
             grid: match (self.resolution, self.gap) {
-                (Some(resolution), _) => Grid::Resolution(resolution),
-                (None, Some(gap)) => Grid::Gap(gap),
+                (Some(resolution), _) => InteriorGrid::Resolution(resolution),
+                (None, Some(gap)) => InteriorGrid::Gap(gap),
                 (None, None) => base.grid,
             },
             level: match self.level {
-                LevelFlag::Node => Level::Node,
-                LevelFlag::Triangle => Level::Triangle,
+                LevelFlag::Node => InteriorLevel::Node,
+                LevelFlag::Triangle => InteriorLevel::Triangle,
             },
             mode: match self.mode {
-                ModeFlag::Sampled => Mode::Sampled,
-                ModeFlag::Conservative => Mode::Conservative,
+                ModeFlag::Sampled => InteriorMode::Sampled,
+                ModeFlag::Conservative => InteriorMode::Conservative,
             },
             transparent: match self.transparent {
-                TransparentFlag::Open => Transparent::Open,
-                TransparentFlag::Closed => Transparent::Closed,
+                TransparentFlag::Open => InteriorTransparent::Open,
+                TransparentFlag::Closed => InteriorTransparent::Closed,
             },
             faces: match self.faces {
-                FacesFlag::AsDrawn => Faces::AsDrawn,
-                FacesFlag::TwoSided => Faces::TwoSided,
+                FacesFlag::AsDrawn => InteriorFaces::AsDrawn,
+                FacesFlag::TwoSided => InteriorFaces::TwoSided,
             },
             memory_mib: self.memory_mib,
             ..InteriorCulling::default()

@@ -67,6 +67,7 @@ pub enum FieldOrigin {
 
 /// Why the GPU could not make a field. The CPU can.
 #[derive(thiserror::Error, Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum InteriorGpuError {
     /// It runs no compute shaders, or too small ones.
     #[error("the device lacks what the compute pass needs: {0}")]

@@ -27,6 +27,7 @@ use super::{OfflineError, plot::PlotError, render::RenderError};
 
 /// Why an accuracy run failed.
 #[derive(thiserror::Error, Debug)]
+#[non_exhaustive]
 pub enum AccuracyError {
     /// Nothing could be drawn.
     #[error(transparent)]

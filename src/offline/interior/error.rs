@@ -6,6 +6,7 @@ use crate::interior::InteriorError;
 
 /// Says itself in one line, with the remedy.
 #[derive(thiserror::Error, Debug)]
+#[non_exhaustive]
 pub enum TrimError {
     /// What was given cannot be used.
     #[error("{}: {source}", path.display())]
@@ -43,6 +44,7 @@ impl TrimError {
 
 /// What is wrong with a model's file.
 #[derive(thiserror::Error, Debug)]
+#[non_exhaustive]
 pub enum ModelFileError {
     /// It could not be read at all.
     #[error("it cannot be read: {0}; name a .glb or .gltf file")]

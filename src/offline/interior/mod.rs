@@ -43,8 +43,8 @@ use serde::Serialize;
 pub use self::error::{ModelFileError, TrimError};
 use self::{accessor::Numbers, container::Container, error::Budget, fresh::Fresh, read::Reading};
 use crate::interior::{
-    InteriorCulling, InteriorError, Level, Mode, Model, Outcome, Part, Progress, Stage, cull,
-    lattice::SPACINGS_IN_CELL,
+    InteriorCulling, InteriorError, InteriorLevel, InteriorMode, Model, Outcome, Part, Progress,
+    Stage, cull, lattice::SPACINGS_IN_CELL,
 };
 use crate::one_line::one_line;
 
@@ -267,18 +267,18 @@ pub(super) fn read_painted(
 }
 
 /// Name of a level as a flag's value.
-pub fn level_name(level: Level) -> &'static str {
+pub fn level_name(level: InteriorLevel) -> &'static str {
     match level {
-        Level::Node => "node",
-        Level::Triangle => "triangle",
+        InteriorLevel::Node => "node",
+        InteriorLevel::Triangle => "triangle",
     }
 }
 
 /// Name of a mode as a flag's value.
-pub fn mode_name(mode: Mode) -> &'static str {
+pub fn mode_name(mode: InteriorMode) -> &'static str {
     match mode {
-        Mode::Sampled => "sampled",
-        Mode::Conservative => "conservative",
+        InteriorMode::Sampled => "sampled",
+        InteriorMode::Conservative => "conservative",
     }
 }
 

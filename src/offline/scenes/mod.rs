@@ -30,6 +30,7 @@ pub use paths::CameraPath;
 
 /// Why a scene could not be made.
 #[derive(thiserror::Error, Debug)]
+#[non_exhaustive]
 pub enum SceneError {
     /// The file is not there, or not to be read.
     #[error("cannot read {}: {reason}", path.display())]

@@ -44,6 +44,7 @@ const CALIBRATION_PLACES: u32 = 12;
 
 /// Why a workload could not be measured.
 #[derive(thiserror::Error, Debug)]
+#[non_exhaustive]
 pub enum WorkloadError {
     /// Nothing could be drawn.
     #[error(transparent)]

@@ -21,7 +21,7 @@ use crate::{
     budget::{
         BudgetClock, FrameBudget, GivenFrameTimes, Knobs, WorkloadPolicy, policy::distance_m,
     },
-    contribution::{ContributionCounts, ContributionCulling, Exit, area::AreaView},
+    contribution::{ContributionCounts, ContributionCulling, ContributionExit, area::AreaView},
     culling::volume::LocalBox,
     occlusion::ZBufferOcclusion,
     offline::{
@@ -33,7 +33,7 @@ use crate::{
 fn contribution(threshold_px2: f32) -> ContributionCulling {
     ContributionCulling {
         threshold_px2,
-        exit: Exit::Cut,
+        exit: ContributionExit::Cut,
         // What the GPU leaves out could not be counted in the same frame.
         gpu_from: usize::MAX,
         ..default()

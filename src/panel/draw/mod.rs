@@ -1,8 +1,8 @@
 //! The panel's widgets: functions of [`PanelData`]. What a user asks for comes back as [`PanelRequest`]s.
 
-pub mod frames;
-pub mod scatter;
-pub mod tables;
+pub(crate) mod frames;
+pub(crate) mod scatter;
+pub(crate) mod tables;
 
 use bevy_egui::egui::{
     Align2, Color32, Context, CornerRadius, FontFamily, FontId, Frame, Margin, Panel, Pos2, Rect,

@@ -8,12 +8,12 @@
 //! Outside of the footprint all is air; the ground goes down without end. A ray straight up or down is lit unless
 //! the light is below the sample.
 //!
-//! [`ShadowTwin::judge`] asks the same of the surface lowered and raised by the [guard]. What a correct `f32` ray
+//! [`ShadowTwin::judge`] asks the same of the surface lowered and raised by the `guard`. What a correct `f32` ray
 //! finds in its way lies in the raised ground and covers the lowered one: so a sample must be dark if even the lowered
 //! ground is in the way, and must be lit if not even the raised one is. Where the guard is zero, as over flat ground
 //! with the sun on the horizon, a ray of height zero is lit without a doubt.
 
-pub mod guard;
+pub(crate) mod guard;
 mod tally;
 
 use bevy::math::{DVec2, DVec3, UVec2};

@@ -1,7 +1,7 @@
 //! `contribution`: which candidates in view cover too little, found on the GPU, and taken out of the camera's draws in
 //! the same frame (P4, for scenes so large that the CPU would be long at it).
 //!
-//! The data path, in order: [`extract`] → [`prepare`] → [`pass`], with the shaders `contribution.wgsl` and
+//! The data path, in order: `extract` → `prepare` → `pass`, with the shaders `contribution.wgsl` and
 //! `late_draws.wgsl`.
 //!
 //! # Inputs / outputs
@@ -17,9 +17,9 @@
 //! # Reference
 //! P4, steps 3 to 5.
 
-pub mod extract;
-pub mod pass;
-pub mod prepare;
+pub(crate) mod extract;
+pub(crate) mod pass;
+pub(crate) mod prepare;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -12,7 +12,7 @@ use crate::{
         bits::Bits,
         candidates::{Candidate, Candidates},
     },
-    occlusion::{OcclusionCamera, Recheck, Sampling, ZBufferOcclusion, camera::Mailbox},
+    occlusion::{DepthSampling, OcclusionCamera, Recheck, ZBufferOcclusion, camera::Mailbox},
 };
 
 use super::buffers::GpuOccludees;
@@ -25,7 +25,7 @@ pub struct ExtractedOcclusionCamera {
     /// Its entity in the render world.
     pub render: Entity,
     /// How its depth is read.
-    pub sampling: Sampling,
+    pub sampling: DepthSampling,
     /// Whether the depth itself is sent back, and not only verdicts.
     pub sends_depth: bool,
     /// Whether removed entities are tested again.

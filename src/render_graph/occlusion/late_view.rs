@@ -1,6 +1,6 @@
 //! The late view: for each camera a second view, in the render world only, whose visible entities are those that
 //! the camera had taken away. Bevy specialises, queues and batches for it as for any view; its draws are encoded by
-//! [`passes`](super::passes), after the recheck, with the camera's own bind groups.
+//! `passes`, after the recheck, with the camera's own bind groups.
 //!
 //! Bevy keeps a view's phases only if a camera of the main world stands behind it, so from
 //! [`RenderSystems::Cleanup`](bevy::render::RenderSystems) to the next frame's preparation they are kept here.

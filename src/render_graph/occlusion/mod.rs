@@ -1,14 +1,14 @@
 //! Render-world side of Z-buffer occlusion culling (P2): reduce the depth, test what was removed against it, draw
 //! what turns out visible, send depth and verdicts back.
 //!
-//! The data path, in order: [`extract`] → [`late_view`] → [`buffers`], filled by [`prepare`] → [`passes`], with
-//! the shaders of [`pipelines`].
+//! The data path, in order: `extract` → [`late_view`] → [`buffers`], filled by [`prepare`] → `passes`, with
+//! the shaders of `pipelines`.
 
 pub mod buffers;
-pub mod extract;
+pub(crate) mod extract;
 pub mod late_view;
-pub mod passes;
-pub mod pipelines;
+pub(crate) mod passes;
+pub(crate) mod pipelines;
 pub mod prepare;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

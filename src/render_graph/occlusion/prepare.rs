@@ -21,7 +21,7 @@ use bevy::{
 };
 
 use crate::occlusion::{
-    Sampling,
+    DepthSampling,
     depth::{GpuOcclusionView, ReducedDepth, room_for, texel_count},
 };
 
@@ -192,7 +192,7 @@ pub fn prepare_occlusion(
 pub fn reducible(
     clip_from_world: Mat4,
     size: UVec2,
-    sampling: Sampling,
+    sampling: DepthSampling,
     device: &RenderDevice,
 ) -> Option<ReducedDepth> {
     let header = ReducedDepth::header(clip_from_world, size, sampling);

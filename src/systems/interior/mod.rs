@@ -7,8 +7,8 @@
 //! | positions and indices are copied | `gather` | in slices |
 //! | it is culled, and what of each mesh stays is worked out | `work` | – |
 //! | trimmed meshes are made of what stays | `build`, `submesh` | in slices |
-//! | nodes are hidden, trimmed meshes shown | [`apply`] | in slices |
-//! | whatever could uncover something is noticed, and all restored | [`watch`], [`apply`] | in the very frame |
+//! | nodes are hidden, trimmed meshes shown | `apply` | in slices |
+//! | whatever could uncover something is noticed, and all restored | `watch`, `apply` | in the very frame |
 //!
 //! A slice is a millisecond a frame, all models together; one model at a time is copied and worked on. Nothing is read
 //! out of a mesh in one go, as one of a million triangles takes longer than a frame to copy. What is done in one go, at
@@ -29,15 +29,15 @@
 //! What is found is kept for models that are the same (`store`) while any model asks for interior culling, and trimmed
 //! meshes while they are shown. With the last [`InteriorCulling`] nothing is held.
 
-pub mod advance;
-pub mod apply;
+pub(crate) mod advance;
+pub(crate) mod apply;
 mod build;
 pub mod models;
-pub mod node;
-pub mod report;
+pub(crate) mod node;
+pub(crate) mod report;
 mod store;
 mod walk;
-pub mod watch;
+pub(crate) mod watch;
 mod work;
 
 use bevy::{

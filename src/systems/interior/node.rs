@@ -13,7 +13,7 @@ use bevy::{
 
 use crate::{
     culling::part::{ChunkOf, PartOf},
-    interior::{Faces, InteriorCulling, NoInteriorCulling},
+    interior::{InteriorCulling, InteriorFaces, NoInteriorCulling},
     systems::gather::{Unreadable, readable},
 };
 
@@ -160,7 +160,7 @@ impl Judge<'_> {
         // In the model a mirrored part's front is on the other side of its triangles, as glTF has it. Bevy draws the
         // same side as ever, unless the material culls the front.
         let is_inside_out = is_mirrored != (look.cull == Some(Face::Front));
-        if is_inside_out && look.cull.is_some() && self.settings.faces == Faces::AsDrawn {
+        if is_inside_out && look.cull.is_some() && self.settings.faces == InteriorFaces::AsDrawn {
             return Kind::Left(Left::InsideOut);
         }
         Kind::Surface {

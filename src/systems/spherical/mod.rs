@@ -13,7 +13,7 @@
 
 pub(crate) mod follow;
 pub mod models;
-pub mod report;
+pub(crate) mod report;
 mod select;
 pub mod spawn;
 mod work;

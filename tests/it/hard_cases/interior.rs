@@ -4,8 +4,8 @@ use core::cell::OnceCell;
 use std::rc::Rc;
 
 use bevy_skyline::interior::{
-    FieldDevice, FieldOrigin, Grid, InteriorCulling, InteriorError, Model, Outcome, Progress,
-    Verdict, cull, cull_on,
+    FieldDevice, FieldOrigin, InteriorCulling, InteriorError, InteriorGrid, Model, Outcome,
+    Progress, Verdict, cull, cull_on,
 };
 use proptest::prelude::*;
 
@@ -117,7 +117,7 @@ fn refusals(table: &mut Table) {
         model([part(cube(1.0)), part(surface)])
     };
     let gap = |gap: f32| InteriorCulling {
-        grid: Grid::Gap(gap),
+        grid: InteriorGrid::Gap(gap),
         ..Default::default()
     };
     let whole = || model([part(cube(1.0))]);

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use bevy::math::{DAffine3, DVec3};
 use bevy_skyline::interior::{
-    Faces, Grid, InteriorCulling, Level, Mode, Model, Part, Surface, Transparent,
+    InteriorCulling, InteriorFaces, InteriorGrid, InteriorLevel, InteriorMode, InteriorTransparent,
+    Model, Part, Surface,
 };
 
 use crate::interior::{
@@ -134,9 +135,9 @@ pub fn models() -> Vec<Culled> {
     case("a wall of 500 slivers", vec![part(slivers(500)), solid(0.8)], at(64), &[AsSeen, Gone], 1000);
     case("walls of 24×24 quads without a vertex in common", vec![part(tiles(24)), solid(0.8)], at(48), &[All, Gone], 1000);
     case("inside out: its far walls are seen through the near ones", vec![part(inside_out(cube(1.0))), solid(0.4)], at(40), &[All, All], 1000);
-    case("inside out, but hiding from both sides", vec![part(inside_out(cube(1.0))), solid(0.4)], with(at(40), |s| s.faces = Faces::TwoSided), &[All, Gone], 0);
+    case("inside out, but hiding from both sides", vec![part(inside_out(cube(1.0))), solid(0.4)], with(at(40), |s| s.faces = InteriorFaces::TwoSided), &[All, Gone], 0);
     case("behind glass that is open", vec![transparent(solid(1.0)), solid(0.4), solid(0.2)], at(40), &[All, All, Gone], 0);
-    case("behind glass that is closed", vec![transparent(solid(1.0)), solid(0.4)], with(at(40), |s| s.transparent = Transparent::Closed), &[All, Gone], 0);
+    case("behind glass that is closed", vec![transparent(solid(1.0)), solid(0.4)], with(at(40), |s| s.transparent = InteriorTransparent::Closed), &[All, Gone], 0);
     case("glass only", vec![transparent(solid(1.0)), transparent(solid(0.4))], at(40), &[All, All], 1000);
     // Gaps.
     let cells = 40u32;
@@ -184,7 +185,7 @@ pub fn models() -> Vec<Culled> {
     case("the same node twice in one place", vec![solid(1.0), twin(DVec3::ZERO), twin(DVec3::ZERO)], at(40), &[All, Gone, Gone], 1000);
     let mut of_one_node = model([solid(1.0), solid(0.5), solid(0.2)]);
     of_one_node.parts[1].node = 0;
-    all.push(Culled { name: "a hidden part of a seen node stays, a hidden node goes", model: of_one_node, settings: with(at(40), |s| s.level = Level::Node), stays: vec![All, All, Gone], rays: 1000 });
+    all.push(Culled { name: "a hidden part of a seen node stays, a hidden node goes", model: of_one_node, settings: with(at(40), |s| s.level = InteriorLevel::Node), stays: vec![All, All, Gone], rays: 1000 });
     // Indices.
     let mut broken = cube(1.0);
     broken.triangles.push([0, 1, 99]);
@@ -196,7 +197,7 @@ pub fn models() -> Vec<Culled> {
     }
     let rods = (0..40).map(|i| { let x = -0.95 + 0.05 * i as f32; part(cuboid([x, -1.0, 0.7], [x + 0.01, 1.0, 0.71])) });
     all.push(Culled { name: "rods thinner than a cell around a box", model: model(core::iter::once(solid(0.5)).chain(rods)), settings: at(16), stays: Vec::new(), rays: 1500 });
-    all.push(Culled { name: "the paper's extraction, of a closed box", model: model([solid(1.0), solid(0.4)]), settings: with(at(32), |s| s.mode = Mode::Sampled), stays: vec![All, Gone], rays: 0 });
-    all.push(Culled { name: "a gap larger than the model", model: model([solid(1.0), solid(0.4)]), settings: InteriorCulling { grid: Grid::Gap(1e6), ..InteriorCulling::default() }, stays: vec![All, AsSeen], rays: 1000 });
+    all.push(Culled { name: "the paper's extraction, of a closed box", model: model([solid(1.0), solid(0.4)]), settings: with(at(32), |s| s.mode = InteriorMode::Sampled), stays: vec![All, Gone], rays: 0 });
+    all.push(Culled { name: "a gap larger than the model", model: model([solid(1.0), solid(0.4)]), settings: InteriorCulling { grid: InteriorGrid::Gap(1e6), ..InteriorCulling::default() }, stays: vec![All, AsSeen], rays: 1000 });
     all
 }

@@ -10,7 +10,7 @@ use bevy::{
 use bevy_skyline::{
     culling::volume::LocalBox,
     occlusion::{
-        Sampling,
+        DepthSampling,
         depth::ReducedDepth,
         verdict::{DepthTest, Verdict},
     },
@@ -148,20 +148,20 @@ fn more(table: &mut Table, gpu: &Shared) {
     // Viewports and blocks.
     let pixels = |depth: f32, size: UVec2| vec![depth; (size.x * size.y) as usize];
     let wide = UVec2::new(16_384, 1);
-    case("a viewport of 16,384×1 px", reduced(flat_lens(), wide, Sampling::Conservative { block: 64 }, &pixels(0.9, wide)), ahead(-50.0, 20.0), Some(Hidden));
+    case("a viewport of 16,384×1 px", reduced(flat_lens(), wide, DepthSampling::Conservative { block: 64 }, &pixels(0.9, wide)), ahead(-50.0, 20.0), Some(Hidden));
     let mut holed = pixels(0.9, wide);
     holed[16_383] = 0.0;
-    case("a viewport of 16,384×1 px, a hole in its last", reduced(flat_lens(), wide, Sampling::Conservative { block: 64 }, &holed), placed(Affine3A::IDENTITY, local_box(Vec3::NEG_Z * 50.0, Vec3::new(40.0, 1.0, 1.0))), Some(Visible));
-    case("a viewport of one pixel in a block of 64", reduced(see, UVec2::ONE, Sampling::Conservative { block: 64 }, &[0.01]), ahead(-20.0, 1.0), Some(Hidden));
-    case("a block of its own choice", reduced(see, UVec2::new(61, 47), Sampling::Conservative { block: 0 }, &pixels(0.01, UVec2::new(61, 47))), ahead(-20.0, 1.0), Some(Hidden));
-    case("strides of 64 both ways", reduced(flat_lens(), UVec2::new(64, 48), Sampling::Strided { x: 64, y: 64 }, &pixels(0.9, UVec2::new(64, 48))), over_pixels([0.5, 63.0], [0.5, 47.0]), Some(Hidden));
+    case("a viewport of 16,384×1 px, a hole in its last", reduced(flat_lens(), wide, DepthSampling::Conservative { block: 64 }, &holed), placed(Affine3A::IDENTITY, local_box(Vec3::NEG_Z * 50.0, Vec3::new(40.0, 1.0, 1.0))), Some(Visible));
+    case("a viewport of one pixel in a block of 64", reduced(see, UVec2::ONE, DepthSampling::Conservative { block: 64 }, &[0.01]), ahead(-20.0, 1.0), Some(Hidden));
+    case("a block of its own choice", reduced(see, UVec2::new(61, 47), DepthSampling::Conservative { block: 0 }, &pixels(0.01, UVec2::new(61, 47))), ahead(-20.0, 1.0), Some(Hidden));
+    case("strides of 64 both ways", reduced(flat_lens(), UVec2::new(64, 48), DepthSampling::Strided { x: 64, y: 64 }, &pixels(0.9, UVec2::new(64, 48))), over_pixels([0.5, 63.0], [0.5, 47.0]), Some(Hidden));
     for (name, x) in [("its right side on the picture's left border", [-8.0, 0.0]), ("its left side on the picture's right border", [64.0, 72.0])] {
         case(name, filled(flat_lens(), 0.9), over_pixels(x, [10.0, 20.0]), None);
     }
     let screen = UVec2::new(64, 48);
     let mut near = pixels(0.9, screen);
     near[21 * 64 + 22] = 0.0;
-    let one_hole = reduced(flat_lens(), screen, Sampling::Conservative { block: 1 }, &near);
+    let one_hole = reduced(flat_lens(), screen, DepthSampling::Conservative { block: 1 }, &near);
     for (name, right, expected) in [
         ("its side on the border of a pixel that is a hole", 22.0, Some(Visible)),
         ("its side 10⁻³ px short of a hole, which a rasteriser may snap it into", 21.999, None),

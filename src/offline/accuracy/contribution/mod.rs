@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use super::{AccuracyError, Found, Report, Summary, Timing};
 use crate::{
-    contribution::{ContributionCulling, Exit},
+    contribution::{ContributionCulling, ContributionExit},
     offline::{
         scenes::city,
         spinner,
@@ -101,7 +101,10 @@ impl Plan {
             ..Setting::default()
         }];
         for &depth in depths {
-            for exit in [Exit::Cut, Exit::Dithered { seconds: 0.25 }] {
+            for exit in [
+                ContributionExit::Cut,
+                ContributionExit::Dithered { seconds: 0.25 },
+            ] {
                 for hysteresis in [1.0, 1.25, 2.0] {
                     settings.extend(thresholds.iter().map(|&threshold_px2| Setting {
                         threshold_px2,
@@ -132,7 +135,7 @@ enum Depth {
 struct Setting {
     threshold_px2: f32,
     hysteresis: f32,
-    exit: Exit,
+    exit: ContributionExit,
     depth: Depth,
 }
 
@@ -142,7 +145,7 @@ impl Default for Setting {
         Self {
             threshold_px2: default.threshold_px2,
             hysteresis: default.hysteresis,
-            exit: Exit::Cut,
+            exit: ContributionExit::Cut,
             depth: Depth::Off,
         }
     }
@@ -165,8 +168,8 @@ impl Setting {
             threshold_px2: self.threshold_px2,
             hysteresis: self.hysteresis,
             exit: match self.exit {
-                Exit::Cut => "cut",
-                Exit::Dithered { .. } => "dithered",
+                ContributionExit::Cut => "cut",
+                ContributionExit::Dithered { .. } => "dithered",
             },
             occlusion: self.depth != Depth::Off,
             weigh_by_visibility: self.depth == Depth::Weighed,

@@ -10,7 +10,7 @@ use indicatif::ProgressBar;
 
 use super::{Curve, Plan};
 use crate::{
-    interior::{Grid, InteriorCulling, Progress, cull},
+    interior::{InteriorCulling, InteriorGrid, Progress, cull},
     offline::{
         accuracy::{
             AccuracyError, Timing,
@@ -40,7 +40,7 @@ pub(super) fn interior(
     };
     let run = |model: &crate::interior::Model, grid: u32| -> Result<Timing, AccuracyError> {
         let settings = InteriorCulling {
-            grid: Grid::Resolution(grid),
+            grid: InteriorGrid::Resolution(grid),
             memory_mib: 1 << 14,
             ..default()
         };

@@ -29,8 +29,8 @@ use self::{
 use super::{AccuracyError, Found, Report, Summary, Timing};
 use crate::{
     interior::{
-        Faces, Grid, InteriorCulling, Mode, Model, Outcome, Progress, Stage, Transparent, Verdict,
-        cull,
+        InteriorCulling, InteriorFaces, InteriorGrid, InteriorMode, InteriorTransparent, Model,
+        Outcome, Progress, Stage, Verdict, cull,
     },
     offline::{interior, spinner},
 };
@@ -113,7 +113,7 @@ impl Way {
 
     fn at(self, grid: u32) -> InteriorCulling {
         let base = InteriorCulling {
-            grid: Grid::Resolution(grid),
+            grid: InteriorGrid::Resolution(grid),
             // What it takes is told.
             memory_mib: MEMORY_MIB,
             ..Default::default()
@@ -121,13 +121,13 @@ impl Way {
         match self {
             Self::Conservative => base,
             Self::Sampled => InteriorCulling {
-                mode: Mode::Sampled,
+                mode: InteriorMode::Sampled,
                 ..base
             },
             Self::Paper => InteriorCulling {
-                mode: Mode::Sampled,
-                transparent: Transparent::Closed,
-                faces: Faces::TwoSided,
+                mode: InteriorMode::Sampled,
+                transparent: InteriorTransparent::Closed,
+                faces: InteriorFaces::TwoSided,
                 ..base
             },
         }
@@ -145,7 +145,7 @@ pub struct SettingLine {
 
 /// The default, as lines name it.
 pub(super) fn default_settings() -> Vec<serde_json::Value> {
-    let Grid::Resolution(resolution) = Grid::default() else {
+    let InteriorGrid::Resolution(resolution) = InteriorGrid::default() else {
         return Vec::new();
     };
     let mode = Way::Conservative.name();

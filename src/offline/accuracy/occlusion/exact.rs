@@ -8,7 +8,7 @@ use super::AccuracyError;
 use crate::{
     culling::candidates::Candidates,
     occlusion::{
-        OcclusionCounts, Sampling,
+        DepthSampling, OcclusionCounts,
         depth::ReducedDepth,
         verdict::{DepthTest, Verdict},
     },
@@ -56,7 +56,7 @@ pub(super) fn removable(
         return Ok(None);
     };
     let clip_from_world = lens.clip_from_view() * place.to_matrix().inverse();
-    let every_pixel = Sampling::Conservative { block: 1 };
+    let every_pixel = DepthSampling::Conservative { block: 1 };
     let depth =
         ReducedDepth::from_pixels(clip_from_world, depth.size, every_pixel, &depth.ndc_depth)
             .map_err(|error| OfflineError::ReadBack(error.to_string()))?;

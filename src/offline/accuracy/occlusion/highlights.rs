@@ -367,7 +367,7 @@ mod tests {
     fn other_settings_are_not_the_defaults() {
         let mut lines = lines();
         let strided = Culling::ZBuffer(ZBufferOcclusion {
-            sampling: Sampling::Strided { x: 5, y: 4 },
+            sampling: DepthSampling::Strided { x: 5, y: 4 },
             ..ZBufferOcclusion::default()
         });
         let mut wrong = line("bunnies/front", &strided, 1.0, 1.0);

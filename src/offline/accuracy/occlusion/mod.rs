@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use super::{AccuracyError, Found, Report, Summary, Timing};
 use crate::{
-    occlusion::{OccludeeVolume, Recheck, Sampling, ZBufferOcclusion},
+    occlusion::{DepthSampling, OccludeeVolume, Recheck, ZBufferOcclusion},
     offline::{
         scenes::{
             CameraPath, Scene,
@@ -164,19 +164,19 @@ impl Plan {
             OccludeeVolume::Proxy { triangles: 100 },
         ];
         let samplings = [0, 2, 4, 8, 16]
-            .map(|block| Sampling::Conservative { block })
+            .map(|block| DepthSampling::Conservative { block })
             .into_iter()
-            .chain([Sampling::Strided { x: 5, y: 4 }]);
+            .chain([DepthSampling::Strided { x: 5, y: 4 }]);
         for sampling in samplings {
             for volume in volumes {
                 for recheck in [Recheck::SameFrame, Recheck::Never] {
                     let usual = [
-                        sampling == Sampling::default(),
+                        sampling == DepthSampling::default(),
                         volume == OccludeeVolume::default(),
                         recheck == Recheck::default(),
                     ];
                     // Elsewhere one thing is changed at a time, and not to what lies in between.
-                    let between = matches!(sampling, Sampling::Conservative { block: 2 | 8 });
+                    let between = matches!(sampling, DepthSampling::Conservative { block: 2 | 8 });
                     let changed = usual.iter().filter(|usual| !**usual).count();
                     if all || (changed <= 1 && !between) {
                         settings.push(Culling::ZBuffer(ZBufferOcclusion {

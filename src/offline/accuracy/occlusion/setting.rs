@@ -4,7 +4,7 @@ use bevy::math::UVec2;
 use serde::Serialize;
 
 use crate::{
-    occlusion::{OccludeeVolume, Recheck, Sampling, ZBufferOcclusion},
+    occlusion::{DepthSampling, OccludeeVolume, Recheck, ZBufferOcclusion},
     offline::scenes::stage::Culling,
 };
 
@@ -38,9 +38,9 @@ impl Setting {
                 OccludeeVolume::Proxy { .. } => "proxy",
             }),
             sampling: settings.map(|settings| match settings.sampling {
-                Sampling::Conservative { block: 0 } => "conservative".into(),
-                Sampling::Conservative { block } => format!("conservative-{block}"),
-                Sampling::Strided { x, y } => format!("strided-{x}x{y}"),
+                DepthSampling::Conservative { block: 0 } => "conservative".into(),
+                DepthSampling::Conservative { block } => format!("conservative-{block}"),
+                DepthSampling::Strided { x, y } => format!("strided-{x}x{y}"),
             }),
             recheck: settings.map(|settings| match settings.recheck {
                 Recheck::SameFrame => "same-frame",
@@ -76,7 +76,7 @@ impl Setting {
         let side = self.sampling.as_deref()?.strip_prefix("conservative")?;
         match side.strip_prefix('-') {
             Some(side) => side.parse().ok(),
-            None => Some(Sampling::Conservative { block: 0 }.block(size).x),
+            None => Some(DepthSampling::Conservative { block: 0 }.block(size).x),
         }
     }
 }
@@ -101,7 +101,7 @@ mod tests {
                 ..default()
             },
             ZBufferOcclusion {
-                sampling: Sampling::Conservative { block: 4 },
+                sampling: DepthSampling::Conservative { block: 4 },
                 ..default()
             },
             ZBufferOcclusion {
@@ -123,10 +123,13 @@ mod tests {
             named(settings).block_px(size)
         };
         let [small, large] = [UVec2::new(1280, 720), UVec2::new(3840, 2160)];
-        assert_eq!(side(Sampling::default(), small), Some(1));
-        assert_eq!(side(Sampling::default(), large), Some(3));
-        assert_eq!(side(Sampling::Conservative { block: 8 }, large), Some(8));
-        assert_eq!(side(Sampling::Strided { x: 5, y: 4 }, small), None);
+        assert_eq!(side(DepthSampling::default(), small), Some(1));
+        assert_eq!(side(DepthSampling::default(), large), Some(3));
+        assert_eq!(
+            side(DepthSampling::Conservative { block: 8 }, large),
+            Some(8)
+        );
+        assert_eq!(side(DepthSampling::Strided { x: 5, y: 4 }, small), None);
         assert_eq!(Setting::of(&Culling::Frustum).block_px(small), None);
     }
 }
