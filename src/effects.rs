@@ -262,3 +262,40 @@ impl core::fmt::Display for EffectState {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Resource, Default)]
+    struct Heard(u32);
+
+    #[test]
+    fn only_a_state_of_another_kind_counts_as_changed() {
+        let mut app = App::new();
+        app.init_resource::<Effects>()
+            .init_resource::<Heard>()
+            .add_systems(
+                Update,
+                (|mut heard: ResMut<Heard>| heard.0 += 1).run_if(resource_changed::<Effects>),
+            )
+            .add_systems(Last, note_changes);
+        // Written in one frame, heard of in the next.
+        let mut heard_of = |write: &dyn Fn(&mut EffectState)| {
+            let before = app.world().resource::<Heard>().0;
+            let mut effects = app.world_mut().resource_mut::<Effects>();
+            write(effects.bypass_change_detection().entry(Effect::FrameBudget));
+            for _ in 0..3 {
+                app.update();
+            }
+            app.world().resource::<Heard>().0 - before
+        };
+        heard_of(&|_| {});
+        assert_eq!(heard_of(&|_| {}), 0);
+        assert_eq!(heard_of(&|state| state.idle("nothing to do")), 1);
+        assert_eq!(heard_of(&|state| state.idle("nothing else to do")), 0);
+        assert_eq!(heard_of(&|state| state.activity().cpu_ms = 1.0), 1);
+        assert_eq!(heard_of(&|state| state.activity().cpu_ms = 2.0), 0);
+        assert_eq!(heard_of(&|state| *state = EffectState::Dormant), 1);
+    }
+}

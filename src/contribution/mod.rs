@@ -161,7 +161,7 @@ pub struct ContributionCounts {
     pub removed: u32,
     /// Triangles of the candidates in view, and of those that were not removed.
     pub triangles: u64,
-    /// See [`triangles`](Self::triangles).
+    /// Those of [`triangles`](Self::triangles) whose meshes were not removed.
     pub triangles_drawn: u64,
     /// The threshold of the settings. units: px²
     pub threshold_px2: f32,

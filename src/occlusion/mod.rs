@@ -77,7 +77,7 @@ pub struct ZBufferOcclusion {
     /// From so many meshes in view on, the prediction is made by the GPU. The verdicts are the same.
     /// default: 50,000
     pub gpu_from: usize,
-    /// Whether culling rests while it costs more than it saves.
+    /// Whether culling rests while it costs more than it saves. default: true
     pub rests: bool,
 }
 

@@ -68,7 +68,9 @@ pub struct ShadowCounts {
 /// How often a pass ran, and over how much.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PassCount {
+    /// Dispatches and draws.
     pub runs: u64,
+    /// What they were over: nodes, rays or texels, as the pass has it.
     pub work: u64,
 }
 

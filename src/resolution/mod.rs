@@ -74,7 +74,10 @@ use bevy::prelude::*;
 /// ```
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct ResolutionScale(pub f32);
+pub struct ResolutionScale(
+    /// Share of the width and height. range: 0.25..=1, default: 1
+    pub f32,
+);
 
 impl Default for ResolutionScale {
     fn default() -> Self {

@@ -84,11 +84,11 @@ impl Terrain {
 pub struct TerrainLook {
     /// Where the colour comes from.
     pub colour: TerrainColour,
-    /// 0 mirror … 1 matt.
+    /// 0 mirror … 1 matt. default: 0.95
     pub perceptual_roughness: f32,
-    /// 0 dielectric … 1 metal.
+    /// 0 dielectric … 1 metal. default: 0
     pub metallic: f32,
-    /// Specular reflection of dielectrics; 0.5 is 4 %.
+    /// Specular reflection of dielectrics; 0.5 is 4 %. default: 0.2
     pub reflectance: f32,
 }
 
@@ -165,10 +165,10 @@ pub struct TerrainRayCasting {
     /// How rays skip empty space.
     pub traversal: Traversal,
     /// Side of the smallest box, in cells; rounded down to a power of two, from 4 to the field's own size.
-    /// The square of it is P1's τ.
+    /// The square of it is P1's τ. default: 64
     pub box_texels: u32,
     /// How far the picture may be from the exact surface, measured along the ground's own up axis on the
-    /// screen. 0 = exact. units: px
+    /// screen. 0 = exact. default: 0.5, units: px
     pub max_error_px: f32,
 }
 

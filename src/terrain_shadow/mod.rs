@@ -53,11 +53,11 @@ pub struct TerrainShadow {
     /// Which lights cast the terrain's shadow.
     pub lights: ShadowedLights,
     /// Into how many upright strips a light's disc is cut where its size makes a penumbra; each has a ray of
-    /// its own. 1 takes the horizon for level across the disc. From 1 to 16; 0 leaves all shadows hard.
+    /// its own. 1 takes the horizon for level across the disc; 0 leaves all shadows hard. range: 0..=16, default: 1
     pub penumbra_strips: u32,
-    /// How long a map may be worked on in one frame. units: ms
+    /// How long a terrain's maps may be worked on in one frame. default: 2, units: ms
     pub slice_ms: f32,
-    /// Whether meshes receive the terrain's shadow by way of Bevy's cascades.
+    /// Whether meshes receive the terrain's shadow by way of Bevy's cascades. default: true
     pub on_meshes: bool,
 }
 

@@ -209,7 +209,7 @@ fn in_the_window(picture: &str) {
             .unwrap();
     }
     assert!(seen.frames > 8, "{} frame times", seen.frames);
-    assert_eq!(seen.rows, 7);
+    assert_eq!(seen.rows, Effect::ALL.len());
     assert_eq!(seen.by_hand, Some(1));
     let left = SIZE.x - seen.width.ceil() as u32;
     assert!((200..SIZE.x - 300).contains(&left), "{left}");
