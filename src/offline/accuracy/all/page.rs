@@ -316,7 +316,7 @@ impl<'a> Compared<'a> {
                 let reason = shown
                     .reasons
                     .iter()
-                    .find(|reason| (reason.about)(self.lines[by]))
+                    .find(|reason| (reason.about)(self.lines[by], self.lines[at]))
                     .map(|reason| reason.text.to_owned());
                 if let Some(reason) = elsewhere(shown, self.lines[by], all).or(reason) {
                     verdict.explained += 1;

@@ -10,8 +10,8 @@ use super::{
 
 /// Why a default may be behind another setting, if it is this one.
 pub struct Reason {
-    /// Whether it is about that setting.
-    pub about: fn(&Line) -> bool,
+    /// Whether it is about that setting, beside the default's line.
+    pub about: fn(&Line, &Line) -> bool,
     /// The reason.
     pub text: &'static str,
 }
@@ -39,6 +39,19 @@ pub struct Shown {
 /// By a field's text.
 fn has(line: &Line, field: &str, text: &str) -> bool {
     line.setting.get(field).and_then(Value::as_str) == Some(text)
+}
+
+/// Whether a setting drew at least as many objects and triangles as the default, and more of one.
+fn draws_no_less(line: &Line, default: &Line) -> bool {
+    let of = |line: &Line| {
+        ["/drawn/objects", "/drawn/triangles"]
+            .map(|at| line.all.pointer(at).and_then(Value::as_f64))
+    };
+    let ([Some(objects), Some(triangles)], [Some(least), Some(fewest)]) = (of(line), of(default))
+    else {
+        return false;
+    };
+    objects >= least && triangles >= fewest && (objects, triangles) != (least, fewest)
 }
 
 /// Every effect with knobs, in the order of its papers' place in a frame.
@@ -77,12 +90,12 @@ pub const SHOWN: [Shown; 7] = [
         defaults: || shadow::default_settings(),
         reasons: &[
             Reason {
-                about: |line| has(line, "method", "sweep"),
+                about: |line, _| has(line, "method", "sweep"),
                 text: "a sweep takes horizons for level across the light's disc and is off by up to half a cell: it is for those who \
                        move a sun every frame; the default is exact, for every light",
             },
             Reason {
-                about: |line| {
+                about: |line, _| {
                     has(line, "method", "plain") || has(line, "method", "plain-above-all")
                 },
                 text: "the CPU makes so small a map in less time than a dispatch takes: it is here to compare with P5b",
@@ -105,18 +118,18 @@ pub const SHOWN: [Shown; 7] = [
         defaults: || vec![occlusion::default_setting()],
         reasons: &[
             Reason {
-                about: |line| {
+                about: |line, _| {
                     !has(line, "culling", "z-buffer") && !has(line, "culling", "z-buffer-prepass")
                 },
                 text: "where little is hidden, looking for it is not paid for: in an app the default notices and rests, which is \
                        switched off here so that it can be measured",
             },
             Reason {
-                about: |line| has(line, "recheck", "never"),
+                about: |line, _| has(line, "recheck", "never"),
                 text: "what the recheck is for, a camera that jumps, does not happen in a view that stands still",
             },
             Reason {
-                about: |line| has(line, "culling", "z-buffer-prepass"),
+                about: |line, _| has(line, "culling", "z-buffer-prepass"),
                 text: "a depth prepass is the app's choice and no knob of this effect: it pays where much is drawn over other things",
             },
         ],
@@ -132,7 +145,11 @@ pub const SHOWN: [Shown; 7] = [
         ],
         circumstances: &["/setting/occlusion"],
         defaults: contribution::default_settings,
-        reasons: &[],
+        reasons: &[Reason {
+            about: draws_no_less,
+            text: "the default draws fewer objects and triangles of the same view, as it also takes out what shows less than the \
+                   threshold states, through gaps; that it took longer is the clock's doing, or what weighing takes",
+        }],
     },
     Shown {
         effect: "budget",
@@ -149,7 +166,7 @@ pub const SHOWN: [Shown; 7] = [
         circumstances: &["/setting/target_ms", "/setting/clock"],
         defaults: || vec![json!({ "policy": "budget" })],
         reasons: &[Reason {
-            about: |line| !has(line, "policy", "budget"),
+            about: |line, _| !has(line, "policy", "budget"),
             text: "a baseline's number was chosen with the whole path known beforehand, so that its mean is the budget's: the budget \
                    knows no frame before it is there",
         }],
